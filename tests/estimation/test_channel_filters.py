@@ -29,6 +29,7 @@ KINDS = {
     "RC": ChannelFilter("RC", cutoff=159.0),
     "butterworth": ChannelFilter("butterworth", cutoff=50.0, order=4),
     "bessel": ChannelFilter("bessel", cutoff=100.0, order=3),
+    "resonance": ChannelFilter("resonance", cutoff=40.0, quality=7.0),
     "biquad": ChannelFilter("biquad", b=(0.2, 0.4, 0.2), a=(1.0, -0.4, 0.2)),
     "sinc": ChannelFilter("sinc", length=16, order=3),
     "fir": ChannelFilter("fir", b=(0.25, 0.5, 0.25)),
@@ -47,6 +48,14 @@ def test_an_analog_response_is_that_of_its_poles(kind: str, declared: own.Declar
     np.testing.assert_allclose(response([KINDS[kind]], RATE)(f), expected, rtol=1e-9)
     corner = np.array([KINDS[kind].cutoff])
     assert abs(response([KINDS[kind]], RATE)(corner)[0]) == pytest.approx(0.5**0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("quality", [0.3, 0.5, 7.0])
+def test_a_resonance_is_a_mass_on_a_spring(quality: float) -> None:
+    f = np.geomspace(0.1, 800.0, 50)
+    ratio = f / 40.0
+    expected = 1.0 / (1.0 - ratio**2 + 1j * ratio / quality)
+    np.testing.assert_allclose(response([replace(KINDS["resonance"], quality=quality)], RATE)(f), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["biquad", "sinc", "fir"])

@@ -24,6 +24,7 @@ lowpass = [
     { kind = "butterworth", fc = "50 Hz", order = 4 }, { kind = "bessel", fc = "100 Hz", order = 2, rate = "5 kHz" },
     { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }, { kind = "RC", fc = "300 Hz" },
     { kind = "sinc", length = 16, order = 3, rate = "16670 Hz" }, { kind = "fir", taps = [0.25, 0.5, 0.25] },
+    { kind = "resonance", f0 = "30.12 Hz", Q = 9.8 },
 ]
 highpass = { kind = "RC", tau = "1 s" }
 [channels.position]
@@ -51,6 +52,7 @@ def test_every_kind_is_read(tmp_path) -> None:
         ChannelFilter("RC", cutoff=300.0),
         ChannelFilter("sinc", length=16, order=3, rate=16670.0),
         ChannelFilter("fir", b=(0.25, 0.5, 0.25)),
+        ChannelFilter("resonance", cutoff=30.12, quality=9.8),
     )
     assert [f.kind for f in rig.position_filters] == ["biquad", "RC"]
     assert not rig.coupled
@@ -116,6 +118,9 @@ def simulated_fit():
             "no key of RC; known keys here: kind, fc",
         ),
         ('lowpass = [{ fc = "9 Hz" }, { fc = "9" }]', "lowpass.2.fc", "expected a frequency"),
+        ('lowpass = { kind = "resonance", f0 = "9 Hz" }', "lowpass", "f0 and Q are needed"),
+        ('lowpass = { kind = "resonance", f0 = "9 Hz", Q = 0 }', "lowpass.Q", "a pure number that is positive"),
+        ('highpass = { kind = "resonance", f0 = "9 Hz", Q = 3 }', "highpass", "a spring passes it"),
         ("lowpass = []", "lowpass", "found an empty list"),
         ('highpass = { kind = "sinc", length = 4 }', "highpass", "an average does not"),
         ('highpass = { kind = "RC", tau = "1 s", tolerance = 0.1 }', "", "leave out tolerance"),

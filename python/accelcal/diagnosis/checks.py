@@ -67,7 +67,7 @@ RESONANCE = find("sensor_resonance").name
 RESONANCE_STEPS = 8
 """Fits until the coefficients of a resonance stay."""
 RESONANCE_FIRST = 1.15
-"""Least ratio by which its first terms alone lower the noise density."""
+"""Least ratio by which the first declared one lowers the noise density."""
 RESONANCE_SPREAD = 0.2
 """Largest relative standard uncertainty of either coefficient, its last change included."""
 RELAXED = 0.75
@@ -554,7 +554,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
             lag, rest, left = fit["time_offset"], fit[RESONANCE], _density(fit)
             first += share * lag.value
             second += share * (rest.value + (0.5 * lag.value**2 if step == 0 else 0.0))
-            if min(first, second) <= 0.0 or RESONANCE_FIRST * left > before:
+            if min(first, second) <= 0.0 or (step and RESONANCE_FIRST * left > before):
                 return
             f0, q, share = 0.5 / (math.pi * math.sqrt(second)), math.sqrt(second) / first, RELAXED
             declared = replace(rig, lowpass=None, output_filters=(_resonance(f0, q), *others))

@@ -159,7 +159,8 @@ def lowpass_error(s: Signals) -> Array:
     search=Search(includes=("time_offset",)),
 )
 def sensor_resonance(s: Signals) -> Array:
-    """Resonance of sensor or bracket, well above the motion; time_offset already holds its delay 1/(Q w0).
+    """Resonance of sensor or bracket, well above the motion; time_offset already holds its delay 1/(Q w0). One near the
+    motion is declared, as a low-pass of the kind "resonance".
 
     Equation: e = -(1 + k) c a'', c = (1 - 1/(2 Q²))/w0².
     Looks like: beyond a delay, an output that is too large the more the higher the frequency.

@@ -22,6 +22,8 @@ from accelcal.signals.processing import response as gain_of
 
 SAME = 6.0
 """Difference of the information criterion below which two structures are not separated: odds of 20 to 1."""
+AT_BOUND = 1e-3
+"""Distance of the logarithm of a corner or of Q from its bound below which it is at it."""
 FAILS = 0.01
 """Probability, adjusted for the number of frequencies, below which a frequency deviates."""
 
@@ -278,6 +280,8 @@ def _fit(
     ]
     best = min(trials, key=lambda trial: float(trial.cost))
     chi_square, degrees = 2.0 * float(best.cost), 2 * len(points) - structure.size
+    if np.min([best.x - low, high - best.x]) < AT_BOUND:  # it is another structure
+        return None
     if np.linalg.matrix_rank(best.jac / (np.linalg.norm(best.jac, axis=0) + 1e-300)) < structure.size:
         return None
     widened = max(1.0, chi_square / degrees)
