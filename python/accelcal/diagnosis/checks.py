@@ -68,8 +68,8 @@ RESONANCE_STEPS = 8
 """Fits until the coefficients of a resonance stay."""
 RESONANCE_FIRST = 1.15
 """Least ratio by which the first declared one lowers the noise density."""
-RESONANCE_SPREAD = 0.2
-"""Largest relative standard uncertainty of either coefficient, its last change included."""
+RESONANCE_SPREAD = 0.1
+"""Largest relative standard uncertainty of its frequency."""
 RELAXED = 0.75
 """Share of what a fit says of a declared resonance that is taken over: with all of it the steps alternate."""
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
@@ -539,44 +539,43 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     """Resonance of mount or element within or near the band of the motion, w0²/(s² + w0 s/Q + w0²).
 
     Its inverse is 1 + s/(Q w0) + s²/w0²: the time offset estimates the first coefficient and `sensor_resonance` what
-    the second has beyond a delay. With what they say declared, both estimate what it lacks (derivations 7.3d). No null:
+    the second has beyond a delay. With what they say declared, both estimate what it lacks; the frequency said is that
+    which leaves the least noise, half of the way to it in its uncertainty (derivations 7.3d). No null:
     noise that no resonance lowers by `DATA_SHEET_NOISE_RATIO` gives none (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, before = e.recording.rig, _density(e.fit)
     if not (e.delayed and any(_filtered(e))) or any(item.kind == "resonance" for item in rig.output_filters):
         return
     others = rig.output_filters if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
+
+    def behind(f0: float, q: float) -> Rig:
+        return replace(rig, lowpass=None, output_filters=(ChannelFilter("resonance", cutoff=f0, quality=q), *others))
+
     model = e.model if RESONANCE in e.model.effects else e.model.add(RESONANCE)
     declared, first, second, share = rig, 0.0, 0.0, 1.0
     with suppress(ValueError):
         for step in range(RESONANCE_STEPS):
             fit = _behind(e, model, declared)
-            lag, rest, left = fit["time_offset"], fit[RESONANCE], _density(fit)
+            lag, rest = fit["time_offset"], fit[RESONANCE]
             first += share * lag.value
             second += share * (rest.value + (0.5 * lag.value**2 if step == 0 else 0.0))
-            if min(first, second) <= 0.0 or (step and RESONANCE_FIRST * left > before):
+            if min(first, second) <= 0.0 or (step and RESONANCE_FIRST * _density(fit) > before):
                 return
             f0, q, share = 0.5 / (math.pi * math.sqrt(second)), math.sqrt(second) / first, RELAXED
-            declared = replace(rig, lowpass=None, output_filters=(_resonance(f0, q), *others))
+            declared = behind(f0, q)
             if abs(lag.value) < lag.std and abs(rest.value) < rest.std:
                 break
+        below, left, above = (_density(_behind(e, e.model, behind(f0 * share, q))) for share in (0.97, 1.0, 1.03))
+        shift = 0.015 * (below**2 - above**2) / max(below**2 - 2.0 * left**2 + above**2, 1e-2 * left**2)
         unknown = rig.lowpass_tolerance  # of the low-pass behind it, s
         of_first = math.hypot(lag.value, lag.std, unknown, rig.offset_tolerance) / first
         of_second = math.hypot(rest.value, rest.std, unknown * first) / second
-        if DATA_SHEET_NOISE_RATIO * left < before and max(of_first, of_second) < RESONANCE_SPREAD:
-            values = {
-                "f0": f0,
-                "f0_std": 0.5 * of_second * f0,
-                "q": q,
-                "q_std": math.hypot(0.5 * of_second, of_first) * q,
-            }
-            rounded = _resonance(float(f"{f0:.4g}"), float(f"{q:.4g}"))
-            entry = filter_entries(replace(declared, output_filters=(rounded, *others)), "accel")["lowpass"]
+        spread = math.hypot(0.5 * of_second, 0.5 * shift)
+        if DATA_SHEET_NOISE_RATIO * left < before and spread < RESONANCE_SPREAD:
+            f0 = float(f"{f0 * (1.0 + shift):.4g}")
+            values = {"f0": f0, "f0_std": spread * f0, "q": q, "q_std": math.hypot(spread, of_first) * q}
+            entry = filter_entries(behind(f0, float(f"{q:.4g}")), "accel")["lowpass"]
             yield remark("undeclared_resonance", **values, before=before, left=left, entry=str(entry))
-
-
-def _resonance(f0: float, q: float) -> ChannelFilter:
-    return ChannelFilter("resonance", cutoff=f0, quality=q)
 
 
 def _filtered(e: Evidence) -> tuple[bool, bool]:
