@@ -70,6 +70,8 @@ RESONANCE_FIRST = 1.15
 """Least ratio by which the first declared one lowers the noise density."""
 RESONANCE_SPREAD = 0.1
 """Largest relative standard uncertainty of its frequency."""
+RESONANCE_LOWER = 1.005
+"""Ratio by which the frequency of the least noise has to lower the noise density to be the one that is said."""
 RELAXED = 0.75
 """Share of what a fit says of a declared resonance that is taken over: with all of it the steps alternate."""
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
@@ -565,8 +567,14 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
             declared = behind(f0, q)
             if abs(lag.value) < lag.std and abs(rest.value) < rest.std:
                 break
-        below, left, above = (_density(_behind(e, e.model, behind(f0 * share, q))) for share in (0.97, 1.0, 1.03))
+
+        def noise(shift: float) -> float:
+            return _density(_behind(e, e.model, behind(f0 * (1.0 + shift), q)))
+
+        below, left, above = map(noise, (-0.03, 0.0, 0.03))
         shift = 0.015 * (below**2 - above**2) / max(below**2 - 2.0 * left**2 + above**2, 1e-2 * left**2)
+        least = noise(shift)
+        shift, left = (shift, least) if RESONANCE_LOWER * least < left else (0.0, left)
         unknown = rig.lowpass_tolerance  # of the low-pass behind it, s
         of_first = math.hypot(lag.value, lag.std, unknown, rig.offset_tolerance) / first
         of_second = math.hypot(rest.value, rest.std, unknown * first) / second
