@@ -104,6 +104,14 @@ impl<S> Filter<S> {
         }
     }
 
+    /// Refuses variances of readings and a gate that no filter can use; [`System::check`] does so for the system.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`].
+    pub fn check(&self) -> Result<(), SetupError> {
+        checked_readings(self.R_position, self.R_output, self.gate)
+    }
+
     /// This filter with another system.
     #[must_use]
     pub fn with_system<T>(self, system: T) -> Filter<T> {
@@ -162,19 +170,27 @@ impl<S> Filter<S> {
             CarriedBelief::Dense(prior) => {
                 let (innovation, optimal) = innovate(prior, &reading, R, event.value)?;
                 let gain = self.consider.gain(&optimal);
-                let belief = correct(prior, &reading, R, &innovation, &gain).checked()?;
-                (CarriedBelief::Dense(belief), innovation, gain)
+                (CarriedBelief::Dense(correct(prior, &reading, R, &innovation, &gain)), innovation, gain)
             }
             CarriedBelief::Factored(prior) => {
                 let (factored, innovation, gain) = prior.update(&reading, R, event.value)?;
-                factored.belief().checked()?;
                 (CarriedBelief::Factored(factored), innovation, gain)
             }
         };
         let gated = GatedReading::new(innovation.e, innovation.s, self.gate)?;
         let correction = Correction { reading: gated, H: reading.H, gain, R: R + reading.curvature_variance };
-        Ok((if gated.accepted { updated } else { *carried }, Some(correction)))
+        if !gated.accepted {
+            return Ok((*carried, Some(correction))); // what a rejected reading would have done is no failure
+        }
+        updated.belief().checked()?;
+        Ok((updated, Some(correction)))
     }
+}
+
+fn checked_readings(R_position: f64, R_output: f64, gate: f64) -> Result<(), SetupError> {
+    at_least("r_position", R_position, 0.0)?;
+    at_least("r_accel", R_output, 0.0)?;
+    if gate > 0.0 { Ok(()) } else { Err(SetupError::Setting { name: "gate", value: gate }) }
 }
 
 /// The factors of a prior, if it can be one and if readings with these variances and this gate can correct it.
@@ -187,11 +203,7 @@ pub(crate) fn checked_start<const N: usize>(
     R_output: f64,
     gate: f64,
 ) -> Result<Factored<N>, SetupError> {
-    at_least("r_position", R_position, 0.0)?;
-    at_least("r_accel", R_output, 0.0)?;
-    if !(gate > 0.0) {
-        return Err(SetupError::Setting { name: "gate", value: gate });
-    }
+    checked_readings(R_position, R_output, gate)?;
     for &x in prior.x.iter() {
         at_least("x0", x, f64::MIN)?;
     }
@@ -214,7 +226,7 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
     }
 
     fn initial(&self, prior: &Belief<N>) -> Result<CarriedBelief<N>, SetupError> {
-        self.system.check()?;
+        System::check(&self.system)?;
         if self.carrier == Carrier::Factored {
             self.consider.refused()?;
         }
@@ -339,6 +351,28 @@ mod tests {
                 assert!((outcome.belief.P[(i, i)] / last.P[(i, i)] - 1.0).abs() < 1e-6);
             }
         }
+    }
+
+    #[test]
+    fn a_rejected_reading_cannot_fail() {
+        // Three states that correlate by -0.6 with each other are no covariance, which pairs do not show; a correction does.
+        let mut belief = prior();
+        belief.P = SMatrix::from_fn(|i, j| {
+            if i == j {
+                1.0
+            } else if i < 3 && j < 3 {
+                -0.6
+            } else {
+                0.0
+            }
+        });
+        assert!(belief.checked().is_ok());
+        let state = CarriedBelief::Dense(belief);
+        let filter = Filter { gate: 9.0, ..filter(Integrator::Exact, Carrier::Dense) };
+        let event = |value| Event { t: 0.0, channel: Channel::Position, value };
+        assert!(matches!(filter.update(&state, &event(0.0)), Err(StepError::Correlation { .. })));
+        let (kept, correction) = filter.update(&state, &event(100.0)).unwrap();
+        assert_eq!((kept, correction.map(|correction| correction.reading.accepted)), (state, Some(false)));
     }
 
     #[test]

@@ -37,6 +37,15 @@ impl GaussMarkov {
         libm::exp(-self.rate * h)
     }
 
+    /// Refuses a rate or a density that is negative or not finite.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`].
+    pub fn check(&self) -> Result<(), SetupError> {
+        at_least("parameter rate", self.rate, 0.0)?;
+        at_least("parameter q", self.q, 0.0)
+    }
+
     /// The variance gathered in `h` seconds, `q (1 - exp(-2 rate h)) / (2 rate)`.
     #[must_use]
     pub fn variance(&self, h: f64) -> f64 {

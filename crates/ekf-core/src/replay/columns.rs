@@ -124,7 +124,8 @@ impl<const N: usize> Default for Response<N> {
 /// `sums` holds one row per column: sums over the groups of whitened responses, over the square root of the group.
 ///
 /// # Errors
-/// [`ReplayError::Condition`] when a column is shorter than the grid that the span needs, or `sums` do not fit.
+/// [`ReplayError::Condition`] when the span has fewer cells than its readings passed, a column is shorter than the grid that
+/// they need, or `sums` do not fit.
 #[inline(always)]
 pub fn filter_input_columns<const N: usize>(
     span: ReadingSpan<'_>,
@@ -133,6 +134,10 @@ pub fn filter_input_columns<const N: usize>(
     response: &mut Response<N>,
     sums: [&mut [f64]; N],
 ) -> Result<(), ReplayError> {
+    let passed = span.readings.iter().map(|reading| reading.cells as usize).sum();
+    if span.cells.len() < passed {
+        return Err(ConditionError::Length { expected: passed, found: span.cells.len() }.into());
+    }
     let rows = span.cells.last().map_or(0, |cell| cell.row as usize + NODES);
     let shortest = columns.iter().map(|column| column.len()).min().unwrap_or(rows);
     if shortest < rows {

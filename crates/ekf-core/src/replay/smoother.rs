@@ -22,14 +22,15 @@ pub fn smooth(
 ) -> Result<(), ReplayError> {
     readings.check(noise)?;
     let n = readings.t.len();
-    for found in [track.e.len(), track.vv.len(), position.len(), velocity.len(), smoothed_noise.len()] {
+    let TrackView { e, S, gain_p, gain_v, p, v, pp, pv, vv } = track;
+    for found in [e, S, gain_p, gain_v, p, v, pp, pv, vv, position, velocity, smoothed_noise].map(<[f64]>::len) {
         same_length(n, found)?;
     }
     let (mut r_p, mut r_v) = (0.0, 0.0); // the adjoint of (p, v) just after reading k
     for k in (0..n).rev() {
-        r_p = track.e[k] / track.S[k] + (1.0 - track.gain_p[k]) * r_p - track.gain_v[k] * r_v;
-        position[k] = track.p[k] + track.pp[k] * r_p + track.pv[k] * r_v;
-        velocity[k] = track.v[k] + track.pv[k] * r_p + track.vv[k] * r_v;
+        r_p = e[k] / S[k] + (1.0 - gain_p[k]) * r_p - gain_v[k] * r_v;
+        position[k] = p[k] + pp[k] * r_p + pv[k] * r_v;
+        velocity[k] = v[k] + pv[k] * r_p + vv[k] * r_v;
         smoothed_noise[k] = noise.q * r_v;
         if readings.starts(k) {
             (r_p, r_v) = (0.0, 0.0);

@@ -348,6 +348,26 @@ fn unusable_readings_are_refused_with_the_place() {
     let (mut p, mut v, mut wanted) = ([0.0; N], [0.0; N - 1], [0.0; N]);
     let found = smooth(readings(&WHOLE), NOISE, kept.view(), &mut p, &mut v, &mut wanted);
     assert_eq!(found, Err(short));
+    let mut v = [0.0; N];
+    for cut in 0..9 {
+        let mut parts = kept.0.each_ref().map(<[f64; N]>::as_slice);
+        parts[cut] = &parts[cut][1..];
+        let [e, S, gain_p, gain_v, p_before, v_before, pp, pv, vv] = parts;
+        let view = TrackView { e, S, gain_p, gain_v, p: p_before, v: v_before, pp, pv, vv };
+        assert_eq!(smooth(readings(&WHOLE), NOISE, view, &mut p, &mut v, &mut wanted), Err(short), "part {cut}");
+    }
+}
+
+#[test]
+fn columns_without_the_cells_of_their_span_are_refused() {
+    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
+    let expected = prepared.cells.len();
+    for found in [0, expected - 1] {
+        let span = ReadingSpan { cells: &prepared.cells[..found], ..prepared.span() };
+        let refused = filter_input_columns(span, [&[1.0; ROWS]], 1.0, &mut Response::default(), [&mut [0.0; N]]);
+        assert_eq!(refused, Err(ReplayError::Condition(ConditionError::Length { expected, found })));
+    }
 }
 
 #[test]

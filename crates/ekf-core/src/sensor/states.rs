@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::dense::system::{GaussMarkov, at_least};
+use crate::dense::system::GaussMarkov;
 use crate::error::{DomainError, SetupError};
 use crate::sensor::polynomial::{Form, Parameters, Response};
 
@@ -26,11 +26,7 @@ impl Sensor {
         if given != motion + 2 && given != motion + 4 {
             return Err(SetupError::Size { given });
         }
-        for gauss_markov in &self.gauss_markov {
-            at_least("parameter rate", gauss_markov.rate, 0.0)?;
-            at_least("parameter q", gauss_markov.q, 0.0)?;
-        }
-        Ok(())
+        self.gauss_markov.iter().try_for_each(GaussMarkov::check)
     }
 
     /// The parameters held by the states from `first` on.

@@ -70,10 +70,7 @@ where
     fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
         const { assert!(M > 0, "a sensor has parameters") };
         at_least("q", self.q, 0.0)?;
-        for gauss_markov in &self.gauss_markov {
-            at_least("parameter rate", gauss_markov.rate, 0.0)?;
-            at_least("parameter q", gauss_markov.q, 0.0)?;
-        }
+        self.gauss_markov.iter().try_for_each(GaussMarkov::check)?;
         let start = checked_start(prior, self.R_position, 0.0, self.gate)?;
         let state = AciFactored::new(|i| start.x[i], |i, j| start.U[(i, j)], |i| start.D[i]);
         checked(&state).map_err(SetupError::Belief)?;
