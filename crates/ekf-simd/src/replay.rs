@@ -6,6 +6,7 @@ use ekf_core::replay::columns::{self, FilteredReading, Gains, ReadingSpan, Respo
 use ekf_core::replay::filter::{self, Driven, InterleavedReading, interleave};
 use ekf_core::replay::grid::{Cell, Grid};
 use ekf_core::replay::{Noise, Prior, Readings, ReplayError};
+use ekf_core::signal::integrals::ConditionError;
 use pulp::{Arch, NullaryFnOnce};
 
 /// Sum over the parts of their log-likelihoods: [`filter::log_likelihood`].
@@ -61,10 +62,14 @@ impl<const N: usize> NullaryFnOnce for Innovations<'_, N> {
     #[inline(always)]
     fn call(self) -> Self::Output {
         let Self { parts, noise, prior, rows } = self;
-        let n = parts[0].t.len();
+        let n = parts.first().map_or(0, |readings| readings.t.len());
+        let interleaved = interleave(parts, None)?;
+        if rows.len() != N * n {
+            return Err(ConditionError::Length { expected: N * n, found: rows.len() }.into());
+        }
         let mut k = 0;
         filter::innovations(
-            interleave(parts, None)?,
+            interleaved,
             noise,
             prior,
             #[inline(always)]
@@ -156,7 +161,7 @@ impl NullaryFnOnce for Prepare<'_> {
     }
 }
 
-/// Columns that add to the acceleration: [`columns::carry_inputs`].
+/// Columns that add to the acceleration: [`columns::filter_input_columns`].
 ///
 /// # Errors
 /// Those of the plain loop.
@@ -170,7 +175,7 @@ pub fn filter_input_columns<const N: usize>(
     Arch::new().dispatch(InputColumns { span, columns, factor, response, sums })
 }
 
-/// Columns that add to the reading: [`columns::carry_readings`].
+/// Columns that add to the reading: [`columns::filter_reading_columns`].
 ///
 /// # Errors
 /// Those of the plain loop.

@@ -10,11 +10,11 @@ use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::row::Plain;
 use ekf_core::{
     Aci, Belief, Carrier, Consider, Correction, Cwpa, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator,
-    Interpolation, Order, Samples, Segment, Sensor, StepError, Structured, dense::system::System,
+    Interpolation, Order, Samples, Segment, Sensor, SetupError, StepError, Structured, dense::system::System,
 };
-use ekf_simd::Prior;
 use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
 use ekf_simd::fixed_rate::step::{EffectColumns, SampleInput};
+use ekf_simd::{Batch, InstructionSet, Prior, run_aci, run_cwpa};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -233,18 +233,52 @@ proptest! {
     }
 }
 
+const PLAIN: Choice = Choice {
+    phase: 0.0,
+    form: Form::Inverse,
+    integrator: Integrator::Rk4,
+    order: Order::First,
+    interpolation: Interpolation::Linear,
+    gauss_markov: GaussMarkov::CONSTANT,
+    gate: f64::INFINITY,
+};
+
+/// A gate that is no number rejects every reading, and a negative variance weighs them the wrong way round: without a word.
+#[test]
+fn settings_that_the_core_refuses_are_refused() {
+    let good = PLAIN.filter(Aci { sensor: PLAIN.sensor(), q: 1e-6, tau: 0.0 });
+    let read = good.with_system(Cwpa { sensor: PLAIN.sensor(), q: 1e3, low_pass: None });
+    let drifting = Sensor { gauss_markov: [GaussMarkov { rate: -1.0, q: 0.0 }; 4], ..PLAIN.sensor() };
+    let P: [f64; 25] = std::array::from_fn(|at| if at % 6 == 0 { 1e-4 } else { 0.0 });
+    let diagonal: [f64; 16] = std::array::from_fn(|at| if at % 5 == 0 { 1e-4 } else { 0.0 });
+    let four = Prior { states: 4, x: &[0.0; 4], P: &diagonal };
+    let five = Prior { states: 5, x: &[0.0; 5], P: &P };
+    let batch = Batch { dt: DT, samples: 3, runs: 1, output: &[0.0; 3], position: &[0.0; 3] };
+    let refused = |filter: Filter<Aci>, name: &'static str| {
+        let value = |error| matches!(error, Some(SetupError::Setting { name: found, .. }) if found == name);
+        let none = Correction::None;
+        assert!(value(aci(&filter, none, DT, four).err()), "aci: {name}");
+        assert!(value(aci_with_effects(&filter, none, DT, 0.0, &[], four).err()), "effects: {name}");
+        assert!(value(run_aci(&filter, four, batch, true, InstructionSet::Portable, 1).err()), "batch: {name}");
+    };
+    refused(Filter { gate: f64::NAN, ..good }, "gate");
+    refused(Filter { gate: 0.0, ..good }, "gate");
+    refused(Filter { R_position: -1e-12, ..good }, "r_position");
+    refused(Filter { system: Aci { q: -1.0, ..good.system }, ..good }, "q");
+    refused(Filter { system: Aci { tau: f64::NAN, ..good.system }, ..good }, "tau");
+    refused(Filter { system: Aci { sensor: drifting, ..good.system }, ..good }, "parameter rate");
+    let effects = aci_with_effects(&good, Correction::None, DT, 0.0, &drifting.gauss_markov, four).err();
+    assert_eq!(effects, Some(SetupError::Setting { name: "parameter rate", value: -1.0 }));
+    for read in [Filter { R_output: f64::NAN, ..read }, read.with_system(Cwpa { q: -1.0, ..read.system })] {
+        assert!(matches!(cwpa(&read, DT, five).err(), Some(SetupError::Setting { .. })));
+        let batch = run_cwpa(&read, five, batch, true, InstructionSet::Portable, 1);
+        assert!(matches!(batch.err(), Some(SetupError::Setting { .. })));
+    }
+}
+
 #[test]
 fn a_step_that_fails_leaves_the_filter_as_it_was() {
-    let choice = Choice {
-        phase: 0.0,
-        form: Form::Inverse,
-        integrator: Integrator::Rk4,
-        order: Order::First,
-        interpolation: Interpolation::Linear,
-        gauss_markov: GaussMarkov::CONSTANT,
-        gate: f64::INFINITY,
-    };
-    let filter = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
+    let filter = PLAIN.filter(Aci { sensor: PLAIN.sensor(), q: 1e-6, tau: 0.0 });
     let P: Vec<f64> = (0..16).map(|at| if at % 5 == 0 { 1e-4 } else { 0.0 }).collect();
     let mut live = aci(&filter, Correction::None, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
     live.step(&SampleInput { u: 1.0, z: 0.0, effects: None, suspects: None }).unwrap();

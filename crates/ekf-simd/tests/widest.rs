@@ -4,7 +4,8 @@
 use ekf_core::replay::columns::{FilteredReading, Gains, ReadingSpan, Response, prepare};
 use ekf_core::replay::filter::{InterleavedReading, Track, filter, interleave};
 use ekf_core::replay::grid::{Cell, Grid};
-use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
+use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings, ReplayError};
+use ekf_core::signal::integrals::ConditionError;
 use proptest::prelude::*;
 
 const READINGS: usize = 200;
@@ -117,6 +118,14 @@ fn same_parts<const N: usize>(seed: f64) -> bool {
     })
     .unwrap();
     wide.to_bits() == plain.to_bits() && k == READINGS && bits(&[rows]) == bits(&[expected])
+}
+
+#[test]
+fn rows_that_do_not_hold_the_innovations_are_refused() {
+    let record = Record::new(0.0);
+    let found = ekf_simd::replay::innovations([record.readings(); 4], NOISE, PRIOR, &mut [0.0; READINGS]);
+    let expected = ConditionError::Length { expected: 4 * READINGS, found: READINGS };
+    assert_eq!(found, Err(ReplayError::Condition(expected)));
 }
 
 proptest! {

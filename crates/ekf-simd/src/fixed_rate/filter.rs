@@ -3,6 +3,7 @@
 //! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
 
 use ekf_core::dense::belief::{check_covariance, check_mean};
+use ekf_core::dense::system::System;
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
@@ -418,8 +419,7 @@ where
 {
     let Prior { states, x, P } = plan.prior;
     let at = |i: usize, j: usize| if i < states && j < states { P[i * states + j] } else { 0.0 };
-    AciFactored::<f64, N, M>::factored(|i| x.get(i).copied().unwrap_or(0.0), at)
-        .map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
+    AciFactored::<f64, N, M>::factored(|i| x.get(i).copied().unwrap_or(0.0), at)?;
     Ok(portable(plan, kernel))
 }
 
@@ -430,6 +430,8 @@ fn construction<'a, S>(
     prior: Prior<'a>,
     least: usize,
 ) -> Result<Construction<'a>, SetupError> {
+    filter.check()?;
+    dynamics.gauss_markov.iter().try_for_each(GaussMarkov::check)?;
     filter.consider.refused()?;
     checked_prior(&prior, dt, least)?;
     Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
@@ -468,6 +470,7 @@ pub fn aci(
     dt: f64,
     prior: Prior<'_>,
 ) -> Result<Box<dyn FixedRate>, SetupError> {
+    System::<4>::check(&filter.system)?; // its numbers; how many states there are is seen below
     let Aci { sensor, q, tau } = filter.system;
     let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
     let plan = construction(*filter, dynamics, dt, prior, 4)?;
@@ -502,6 +505,7 @@ pub fn aci_with_effects(
     gauss_markov: &[GaussMarkov],
     prior: Prior<'_>,
 ) -> Result<Box<dyn FixedRate>, SetupError> {
+    System::<4>::check(&filter.system)?;
     let Aci { q, tau, .. } = filter.system;
     let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
     let taps = whole(filter, correction)?;
@@ -531,6 +535,7 @@ pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn 
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
+    System::<5>::check(&filter.system)?;
     let dynamics = Dynamics { q, tau: 0.0, gauss_markov: &sensor.gauss_markov };
     let plan = construction(*filter, dynamics, dt, prior, 5)?;
     match (sensor.form, prior.states) {

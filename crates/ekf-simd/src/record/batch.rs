@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ekf_core::dense::belief::{check_covariance, check_mean};
+use ekf_core::dense::system::System;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
@@ -416,6 +417,8 @@ pub fn run_aci(
     path: InstructionSet,
     threads: usize,
 ) -> Result<Vec<Final>, SetupError> {
+    filter.check()?;
+    System::<4>::check(&filter.system)?; // its numbers; how many states there are is seen below
     batch.check(true)?;
     prior.check(batch.runs)?;
     filter.consider.refused()?;
@@ -443,6 +446,7 @@ pub fn run_cwpa(
     path: InstructionSet,
     threads: usize,
 ) -> Result<Vec<Final>, SetupError> {
+    filter.check()?;
     batch.check(false)?;
     prior.check(batch.runs)?;
     filter.consider.refused()?;
@@ -450,6 +454,7 @@ pub fn run_cwpa(
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
+    System::<5>::check(&filter.system)?;
     let dynamics = Dynamics { q, tau: 0.0, gauss_markov: &sensor.gauss_markov };
     let job = Job { batch, prior, filter: filter.with_system(dynamics), counted };
     match (sensor.form, prior.states) {
