@@ -72,11 +72,7 @@ fn run_dense<S: System<N>, const N: usize>(
         }
     })?;
     if smoothing {
-        smooth(filter, prior, &mut outcomes).map_err(|(event, error)| RunError::Step {
-            event,
-            t: outcomes[event].event.t,
-            error,
-        })?;
+        smooth(filter, prior, &mut outcomes)?;
         let (mut x, mut variance) = (Vec::new(), Vec::new());
         for outcome in &outcomes {
             x.extend_from_slice(outcome.belief.x.as_slice());

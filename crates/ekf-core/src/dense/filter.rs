@@ -207,7 +207,7 @@ pub(crate) fn checked_start<const N: usize>(
     for &x in prior.x.iter() {
         at_least("x0", x, f64::MIN)?;
     }
-    let factored = Factored::new(prior).map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
+    let factored = Factored::new(prior)?;
     let asymmetry = (prior.P - prior.P.transpose()).amax();
     if !(asymmetry <= 1e-12 * prior.P.amax()) {
         return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });

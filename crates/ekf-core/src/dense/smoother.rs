@@ -11,7 +11,7 @@ use crate::dense::belief::{Belief, check_mean, symmetric_part};
 use crate::dense::filter::{Correction, Filter, Outcome};
 use crate::dense::system::{Drive, System};
 use crate::dense::ud::factorise_within;
-use crate::error::StepError;
+use crate::error::{RunError, StepError};
 
 /// A reading without noise counts as one with this share of its innovation variance, which is below rounding.
 const NOISELESS: f64 = f64::EPSILON * f64::EPSILON;
@@ -28,20 +28,21 @@ const SLACK: f64 = 1e-6;
 /// its steps is taken without integration error.
 ///
 /// # Errors
-/// The index of the outcome, and [`StepError::Variance`] where `P` of the filter has a negative pivot: Runge-Kutta can lose
-/// positive definiteness in more than two states at once, which the filter does not see. [`StepError::Mean`] or
+/// [`RunError::Step`] with the outcome, and [`StepError::Variance`] where `P` of the filter has a negative pivot: Runge-Kutta
+/// can lose positive definiteness in more than two states at once, which the filter does not see. [`StepError::Mean`] or
 /// [`StepError::Variance`] where a product overflows.
 pub fn smooth<S: System<N>, const N: usize>(
     filter: &Filter<S>,
     prior: &Belief<N>,
     outcomes: &mut [Outcome<N>],
-) -> Result<(), (usize, StepError)> {
+) -> Result<(), RunError> {
     let mut lambda = SVector::<f64, N>::zeros();
     let mut information = Information::<N>::none();
     for at in (0..outcomes.len()).rev() {
         let before = if at == 0 { *prior } else { outcomes[at - 1].belief };
         let outcome = &mut outcomes[at];
-        let failed = |error: StepError| (at, error);
+        let t = outcome.event.t;
+        let failed = |error: StepError| RunError::Step { event: at, t, error };
         let Belief { x, P } = outcome.belief;
         outcome.belief = Belief { x: x - P * lambda, P: information.reduce(&P).map_err(failed)? };
         require_finite(&outcome.belief).map_err(failed)?;

@@ -4,7 +4,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::dense::belief::Belief;
 use crate::dense::update::{Innovation, Reading};
-use crate::error::StepError;
+use crate::error::{SetupError, StepError};
 
 /// Mean `x` and covariance `U D U'`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,17 +25,15 @@ const SLACK: f64 = 1e-9;
 /// `U, D` with `U D U' = P` for a non-negative definite `P`.
 ///
 /// # Errors
-/// The index and value of the first pivot that is negative beyond rounding, or not finite.
-pub fn factorise<const N: usize>(
-    P: &SMatrix<f64, N, N>,
-) -> Result<(SMatrix<f64, N, N>, SVector<f64, N>), (usize, f64)> {
-    factorise_within(P, SLACK)
+/// [`SetupError::Prior`] with the first pivot that is negative beyond rounding, or not finite.
+pub fn factorise<const N: usize>(P: &SMatrix<f64, N, N>) -> Result<(SMatrix<f64, N, N>, SVector<f64, N>), SetupError> {
+    factorise_within(P, SLACK).map_err(|(state, pivot)| SetupError::Prior { state, pivot })
 }
 
 /// As [`factorise`], where a pivot may be `slack` of its variance below zero.
 ///
 /// # Errors
-/// Likewise.
+/// The index and value of the pivot.
 pub(crate) fn factorise_within<const N: usize>(
     P: &SMatrix<f64, N, N>,
     slack: f64,
@@ -65,8 +63,8 @@ impl<const N: usize> Factored<N> {
     /// The factors of a belief.
     ///
     /// # Errors
-    /// The index and value of the pivot that is negative: `P` is no covariance.
-    pub fn new(belief: &Belief<N>) -> Result<Self, (usize, f64)> {
+    /// [`SetupError::Prior`] with the pivot that is negative: `P` is no covariance.
+    pub fn new(belief: &Belief<N>) -> Result<Self, SetupError> {
         let (U, D) = factorise(&belief.P)?;
         Ok(Self { x: belief.x, U, D })
     }
@@ -88,7 +86,8 @@ impl<const N: usize> Factored<N> {
         Phi: &SMatrix<f64, N, N>,
         Q: &SMatrix<f64, N, N>,
     ) -> Result<Self, StepError> {
-        let (mut G, Dq) = factorise(Q).map_err(|(state, variance)| StepError::Variance { state, variance })?;
+        let (mut G, Dq) =
+            factorise_within(Q, SLACK).map_err(|(state, variance)| StepError::Variance { state, variance })?;
         let mut W = Phi * self.U;
         let mut U = SMatrix::<f64, N, N>::identity();
         let mut D = SVector::<f64, N>::zeros();
@@ -168,7 +167,7 @@ mod tests {
         assert!((factored.belief().P - prior().P).amax() < 1e-15);
         let known = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, 2.0));
         assert!(factorise(&known).is_ok());
-        assert_eq!(factorise(&-known).unwrap_err(), (2, -2.0));
+        assert_eq!(factorise(&-known).unwrap_err(), SetupError::Prior { state: 2, pivot: -2.0 });
     }
 
     #[test]

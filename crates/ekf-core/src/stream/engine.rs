@@ -147,7 +147,7 @@ pub trait Engine<const N: usize> {
     ///     let (output, position) = (Samples { t: &[0.0, 0.1], y: &[1.0, 1.0] }, Samples { t: &[0.0, 0.1], y: &[0.0, 0.005] });
     ///     let mut outcomes = filter.collect(&prior, output, position)?;
     ///     let filtered = outcomes[0].belief.sigma(1);
-    ///     smooth(&filter, &prior, &mut outcomes).map_err(|(_, error)| error)?;
+    ///     smooth(&filter, &prior, &mut outcomes)?;
     ///     Ok(outcomes[0].belief.sigma(1) / filtered)
     /// }
     /// assert!(smoothed().unwrap() < 0.9); // the velocity at the start is known better from both ends

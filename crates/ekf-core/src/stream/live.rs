@@ -43,7 +43,7 @@ const REACH: usize = 4;
 /// live.push(Event { t: 1e-3, channel: Channel::Output, value: 0.1 }, |_| ())?;
 /// # Ok::<(), ekf_core::RunError>(())
 /// ```
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Live<E: Engine<N>, const N: usize> {
     filter: E,
     track: Track<E::State>,

@@ -76,6 +76,7 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
 
     #[inline(always)]
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> LinearTable<V> {
+        const { assert!(M >= 2, "the sensor has two parameters") };
         let bias = theta.at(BIAS);
         let minus_slope = theta.at(SCALE) - bias.like(1.0);
         let curvature = if order == Order::Second { P_theta[SCALE].at(BIAS) } else { bias.like(-0.0) };
@@ -113,6 +114,17 @@ impl<V: Row, const M: usize> MixedPartials<V, M> for InverseLinear {
 /// `g` and `h = M g` are cubic polynomials in `w` with coefficients that only a reading changes: three multiplications per
 /// instant instead of a product with `M`. Where elements are separate numbers, `g = (-w, -slope, w^2, w^3)` is used directly, with
 /// equal bits.
+///
+/// With fewer than four parameters it does not compile:
+///
+/// ```compile_fail
+/// use ekf_core::structured::acceleration::InverseCubic;
+/// use ekf_core::{Belief, Engine, OwnSensor, Samples};
+///
+/// let samples = Samples { t: &[0.0, 1.0], y: &[0.0, 0.0] };
+/// let filter = OwnSensor::<_, 2>::new(InverseCubic, 1e-6, 1e-12);
+/// let _ = filter.run(&Belief::independent([0.0; 4], [1.0; 4]), samples, samples, |_, _| ());
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InverseCubic;
 
@@ -132,6 +144,7 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseCubic {
 
     #[inline(always)]
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> CubicTable<V> {
+        const { assert!(M >= 4, "the sensor has four parameters") };
         let bias = theta.at(BIAS);
         let (K2, K3) = (theta.at(SECOND), theta.at(THIRD));
         let c = |x: f64| bias.like(x);
@@ -214,6 +227,7 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for ForwardLinear {
 
     #[inline(always)]
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> ForwardTable<V> {
+        const { assert!(M >= 2, "the sensor has two parameters") };
         let bias = theta.at(BIAS);
         let one = bias.like(1.0);
         let slope = one / (one + theta.at(SCALE));
@@ -260,6 +274,7 @@ impl<V: Row<Number = f64>, const M: usize> AccelerationModel<V, M> for ForwardCu
 
     #[inline(always)]
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> (V, [V; M], Order) {
+        const { assert!(M >= 4, "the sensor has four parameters") };
         (*theta, *P_theta, order)
     }
 
@@ -329,6 +344,7 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for WithEffects {
 
     #[inline(always)]
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> EffectsTable<V, M> {
+        const { assert!(M >= 2, "the sensor has two parameters") };
         let one = theta.at(SCALE).like(1.0);
         EffectsTable { slope: one / (one + theta.at(SCALE)), theta: *theta, P_theta: *P_theta, order }
     }

@@ -11,7 +11,7 @@ use nalgebra::SMatrix;
 use crate::dense::belief::{check_covariance, check_mean};
 use crate::dense::system::Order;
 use crate::dense::ud::factorise;
-use crate::error::{DomainError, StepError};
+use crate::error::{DomainError, SetupError, StepError};
 use crate::integration::Integrator;
 use crate::structured::acceleration::AccelerationModel;
 use crate::structured::aci::{MaskedInnovation, StepIntegrals};
@@ -428,8 +428,8 @@ impl<const N: usize, const M: usize> AciFactored<f64, N, M> {
     /// From mean `x(i)` and covariance `P(i, j)`, `j <= i`, states `p, v, theta`.
     ///
     /// # Errors
-    /// Index and value of the pivot that is negative: `P` is no covariance.
-    pub fn factored(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Result<Self, (usize, f64)> {
+    /// [`SetupError::Prior`] with the pivot that is negative: `P` is no covariance.
+    pub fn factored(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Result<Self, SetupError> {
         let (U, D) = factorise(&SMatrix::<f64, N, N>::from_fn(|i, j| P(i.max(j), i.min(j))))?;
         Ok(Self::new(x, |i, j| U[(i, j)], |i| D[i]))
     }

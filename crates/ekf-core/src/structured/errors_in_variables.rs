@@ -142,6 +142,7 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
     /// At the start.
     #[must_use]
     pub fn new(filter: AciFactored<T, N, M>) -> Self {
+        const { assert!(M >= 2, "scores are of the first two parameters") };
         let zero = filter.p.like(0.0);
         let none = (Plain::every(zero), zero);
         let noise = OutputNoise::none(zero);

@@ -330,8 +330,7 @@ macro_rules! corrected {
             fn initial(&self, prior: &Belief<$N>) -> Result<Self::State, SetupError> {
                 self.filter.initial(prior)?;
                 self.filter.consider.refused()?;
-                let factored = AciFactored::factored(|i| prior.x[i], |i, j| prior.P[(i, j)]);
-                factored.map(AciCorrected::new).map_err(|(state, pivot)| SetupError::Prior { state, pivot })
+                AciFactored::factored(|i| prior.x[i], |i, j| prior.P[(i, j)]).map(AciCorrected::new)
             }
 
             fn belief(&self, state: &Self::State) -> Belief<$N> {

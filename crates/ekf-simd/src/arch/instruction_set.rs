@@ -2,6 +2,7 @@
 
 /// The instructions that a batch runs on, and how many runs share a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum InstructionSet {
     /// One run at a time on plain numbers, nothing fused: any processor, equal bits on all.
     Portable,
