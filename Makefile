@@ -30,7 +30,8 @@ paper: $(STAMP) ## Reproduce the paper: measured next to expected values, figure
 	$(BIN)/python -m papers.stakkeland2007 -o build/paper $(ARGS)
 
 test: $(STAMP) ## Run the fast tests: Rust, then Python.
-	cargo test --workspace --exclude accelcal-py --exclude ekf-simd-benches --quiet
+	cargo test --workspace --exclude accelcal-py --exclude ekf-simd-benches --quiet --lib --tests
+	cargo test --workspace --exclude accelcal-py --exclude ekf-simd-benches --quiet --doc
 	$(RUN_TESTS) -m "not ($(BESIDE))" $(PYTEST)
 
 test-rest: $(STAMP) ## Run the tests that make test leaves out: slow ones, browsers, compilers, emulators, statistics.
@@ -76,7 +77,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --quiet -- -D warnings
 	for some in "" std f32; do cargo clippy -p ekf-core --lib --no-default-features --features "$$some" --quiet -- -D warnings || exit 1; done
-	RUSTDOCFLAGS="-D warnings" cargo doc -p ekf-core --no-deps --quiet
+	RUSTDOCFLAGS="-D warnings" cargo doc -p ekf-core -p ekf-simd --no-deps --quiet
 	cargo fmt --manifest-path firmware/Cargo.toml --check
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings

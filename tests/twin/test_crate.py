@@ -104,8 +104,19 @@ def test_a_csv_that_no_filter_can_use_ends_in_one_sentence(tmp_path):
 
 def test_the_package_builds_from_the_files_that_it_holds():
     command = ["cargo", "package", "--allow-dirty", "--offline", "--quiet"]
-    done = subprocess.run(command, cwd=CRATE, capture_output=True, text=True, timeout=600, check=False)
+    both = [*command, "-p", "ekf-core", "-p", "ekf-simd"]
+    done = subprocess.run(both, cwd=CRATE, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
-    listed = subprocess.run([*command, "--list"], cwd=CRATE, capture_output=True, text=True, check=True).stdout.split()
-    assert {"README.md", "LICENSE-MIT", "LICENSE-APACHE", "examples/record.csv", "src/lib.rs"} <= set(listed)
-    assert not [name for name in listed if name.startswith("fuzz")]
+    holds = {"ekf-core": {"examples/record.csv", "src/lib.rs"}, "ekf-simd": {"tests/common/mod.rs", "src/lib.rs"}}
+    for name, files in holds.items():
+        listing = [*command, "-p", name, "--list"]
+        listed = subprocess.run(listing, cwd=CRATE, capture_output=True, text=True, check=True).stdout.split()
+        assert {"README.md", "LICENSE-MIT", "LICENSE-APACHE", *files} <= set(listed)
+        assert not [file for file in listed if file.startswith(("fuzz", "benches"))]
+
+
+@pytest.mark.parametrize("licence", ["LICENSE-MIT", "LICENSE-APACHE"])
+@pytest.mark.parametrize("crate", ["ekf-core", "ekf-simd"])
+def test_a_package_holds_its_licence_and_not_the_way_to_it(crate, licence):
+    root = CRATE.parents[1]
+    assert (CRATE.parent / crate / licence).read_bytes() == (root / licence).read_bytes()
