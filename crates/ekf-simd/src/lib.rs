@@ -1,4 +1,7 @@
 #![doc = include_str!("../README.md")]
+//! The structured kernels of `ekf-core` on the processor's vector unit: many runs side by side, over threads.
+//!
+//! The instruction set is detected once per run.
 #![forbid(unsafe_code)]
 #![allow(non_snake_case)] // x, P, R, S as in ekf-core
 #![allow(clippy::inline_always)] // a kernel must be compiled into the run that calls it, with that run's instructions
