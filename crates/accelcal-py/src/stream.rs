@@ -63,8 +63,8 @@ where
     }
 
     fn state(&self) -> StreamState {
-        let &Track { state, t, rejected, log_likelihood, .. } = self.track();
-        let belief = self.filter().belief(&state);
+        let &Track { t, rejected, log_likelihood, .. } = self.track();
+        let belief = self.belief();
         let (x, P) = (belief.x.as_slice().to_vec(), belief.P.as_slice().to_vec());
         StreamState { t, x, P, log_likelihood, rejected, waiting: self.waiting() }
     }

@@ -45,7 +45,7 @@ where
 fn live<E: Engine<N>, const N: usize>(engine: E, prior: &Belief<N>, u: &mut Unstructured<'_>) -> Result<()> {
     let Ok(mut live) = Live::new(engine, prior) else { return Ok(()) };
     let judge = |live: &Live<E, N>| {
-        require_belief(&live.filter().belief(&live.track().state));
+        require_belief(&live.belief());
         assert!(!live.track().log_likelihood.is_nan(), "the likelihood is not a number");
     };
     judge(&live);

@@ -336,7 +336,7 @@ mod tests {
     }
 
     /// `exp(A)`: the series of `A / 64`, squared six times.
-    fn exponential(A: SMatrix<f64, 12, 12>) -> SMatrix<f64, 12, 12> {
+    fn exponential(A: &SMatrix<f64, 12, 12>) -> SMatrix<f64, 12, 12> {
         let (mut term, mut sum) = (SMatrix::identity(), SMatrix::identity());
         for k in 1..=16 {
             term = term * A / (64.0 * f64::from(k));
@@ -370,7 +370,7 @@ mod tests {
             joint.fixed_view_mut::<6, 6>(0, 0).copy_from(&(-A * T));
             joint.fixed_view_mut::<6, 6>(0, 6).copy_from(&(G * T));
             joint.fixed_view_mut::<6, 6>(6, 6).copy_from(&(A.transpose() * T));
-            let joint = exponential(joint);
+            let joint = exponential(&joint);
             let Phi = joint.fixed_view::<6, 6>(6, 6).transpose();
             let Q = Phi * joint.fixed_view::<6, 6>(0, 6);
             let mut mean = Phi * x;

@@ -22,7 +22,7 @@ const REACH: usize = 4;
 /// [`StepError::TimeOrder`], begin anew with what is known of the parameters:
 ///
 /// ```
-/// use ekf_core::{Aci, Belief, Channel, Engine, Event, Filter, Form, Live, Sensor};
+/// use ekf_core::{Aci, Belief, Channel, Event, Filter, Form, Live, Sensor};
 ///
 /// let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 }, 1e-12, 0.0);
 /// let start = Belief::independent([0.0; 4], [1e-5, 1e-2, 0.1, 1.0]); // p, v, k, K0
@@ -31,7 +31,7 @@ const REACH: usize = 4;
 /// live.push(Event { t: 1e6, channel: Channel::Output, value: 0.1 }, |_| ())?; // a wrong stamp
 /// assert!(live.push(Event { t: 1e-3, channel: Channel::Output, value: 0.1 }, |_| ()).is_err());
 ///
-/// let known = filter.belief(&live.track().state);
+/// let known = live.belief();
 /// let mut prior = start; // of the motion; parameters keep their mean and covariance
 /// for i in 2..4 {
 ///     prior.x[i] = known.x[i];
@@ -84,10 +84,10 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         &self.track
     }
 
-    /// The filter itself.
+    /// The belief after them.
     #[must_use]
-    pub fn filter(&self) -> &E {
-        &self.filter
+    pub fn belief(&self) -> Belief<N> {
+        self.filter.belief(&self.track.state)
     }
 
     /// Events received and not yet processed.
