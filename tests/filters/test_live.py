@@ -63,6 +63,20 @@ def test_inputs_of_a_live_model_that_are_none_are_refused_in_a_sentence() -> Non
     assert live.step(1.0, 0.0) is not None  # nothing was changed
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_output_beyond_a_double_is_refused_and_nothing_else_said() -> None:
+    for model, u in ((Model.linear(), 1.7e308), (Model.linear().add("quadratic"), 1e200)):
+        live = live_filter(model)
+        steps = [(0.1, 0.0), (0.2, None)]
+        for sample in steps:
+            live.step(*sample)
+        before = live.values
+        with pytest.raises(AccelcalError, match=r"output .* beyond the range of a double\. Leave this sample out"):
+            live.step(u, 0.0)
+        assert np.array_equal(live.values, before)
+        assert live.step(0.1, 0.0) is not None
+
+
 def test_live_estimates_of_effects_are_honest_and_near_the_replay(records: list[World]) -> None:
     errors, apart = [], []
     for made in records:

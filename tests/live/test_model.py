@@ -127,7 +127,6 @@ def test_a_hole_begins_the_motion_anew_and_keeps_the_coefficients() -> None:
         assert abs(found[name].value - truth) < 5.0 * found[name].std, (found[name], truth)
 
 
-@pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_behind_an_output_that_is_refused_innovations_are_as_expected() -> None:
     made = stream(6.0, seed=9)
     u = made.u.copy()

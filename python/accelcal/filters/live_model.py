@@ -325,7 +325,13 @@ class LiveModel:
         self._side.update({name: value for name, value in side.items() if not math.isnan(value)})
         self._require_side()
         self._filter.read(self._x, self._variances)
-        signals, step, way = self.until(u, early)
+        with np.errstate(over="ignore", invalid="ignore"):
+            signals, step, way = self.until(u, early)
+        if not step.is_finite:
+            raise AccelcalError(
+                f"LiveModel.step: with the output {u:g} m/s² the motion, or what an effect adds, is beyond the range "
+                "of a double. Leave this sample out"
+            )
         polarity = self.rig.polarity
         z = None if z is None else polarity * (z + way - step.reading)
         e = self._filter.step_with_effects(u - step.constant[2], z, step.columns, step.position_columns, step.slopes)
@@ -533,6 +539,12 @@ class Step:
     """To a reading by those, m."""
     memories: list[list[float]]
     """What each effect holds at the end."""
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether a filter can take it in; what is held goes into the next columns."""
+        terms = np.concatenate([*self.columns, self.position_columns, self.slopes, self.constant, [self.reading]])
+        return bool(np.isfinite(terms).all())
 
 
 @dataclass(frozen=True, slots=True)
