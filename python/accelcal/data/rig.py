@@ -26,6 +26,11 @@ ANALOG: tuple[Kind, ...] = (*CORNERED, "resonance")
 MOST_ORDER = 10
 """Largest order of a declared filter: beyond it the coefficients of its polynomials lose their digits."""
 
+MOST_ACCEL, MOST_POSITION = 1e6, 1e6
+"""What no stage does, m/s² and m: live, such a number was damaged on its way."""
+MOST_RANGES = 2.0
+"""The same of the output, in declared ranges of the sensor."""
+
 
 @dataclass(frozen=True, slots=True)
 class ChannelFilter:
@@ -237,6 +242,11 @@ class Sensor:
 
     def __post_init__(self) -> None:
         check_fields(self, signed=("scale", "zero"))
+
+    @property
+    def most_output(self) -> float:
+        """Largest output of a live stream that is taken for one, m/s²."""
+        return MOST_ACCEL if self.range is None else MOST_RANGES * self.range
 
 
 @immutable

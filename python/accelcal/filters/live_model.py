@@ -13,6 +13,7 @@ import numpy as np
 from accelcal._support.arguments import HOW_TO, found
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, Array, Rig, unsupported
+from accelcal.data.rig import MOST_POSITION
 from accelcal.effects import BUILT_IN, Effect, find, is_local
 from accelcal.effects.building_blocks import carried_on, lag_weights
 from accelcal.effects.own import probe
@@ -316,22 +317,17 @@ class LiveModel:
             raise AccelcalError(
                 f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
             )
-        if not (math.isfinite(u) and abs(early) < self._signals.step and (z is None or math.isfinite(z))):
+        most, h = self.rig.sensor.most_output, self._signals.step
+        if not (abs(u) <= most and abs(early) < h and (z is None or abs(z) <= MOST_POSITION)):
             raise AccelcalError(
-                f"LiveModel.step: output {u!r}, position {z!r}, early {early!r}; expected finite numbers, "
-                f"None for a position that was not read, and early less than a step, {self._signals.step:g} s. "
-                "Leave this sample out"
+                f"LiveModel.step: output {u!r}, position {z!r}, early {early!r}; expected an output of at most "
+                f"±{most:g} m/s², a position of at most ±{MOST_POSITION:g} m, None where it was not read, and early "
+                f"less than a step, {h:g} s. Leave this sample out"
             )
         self._side.update({name: value for name, value in side.items() if not math.isnan(value)})
         self._require_side()
         self._filter.read(self._x, self._variances)
-        with np.errstate(over="ignore", invalid="ignore"):
-            signals, step, way = self.until(u, early)
-        if not step.is_finite:
-            raise AccelcalError(
-                f"LiveModel.step: with the output {u:g} m/s² the motion, or what an effect adds, is beyond the range "
-                "of a double. Leave this sample out"
-            )
+        signals, step, way = self.until(u, early)
         polarity = self.rig.polarity
         z = None if z is None else polarity * (z + way - step.reading)
         e = self._filter.step_with_effects(u - step.constant[2], z, step.columns, step.position_columns, step.slopes)
@@ -539,12 +535,6 @@ class Step:
     """To a reading by those, m."""
     memories: list[list[float]]
     """What each effect holds at the end."""
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether a filter can take it in; what is held goes into the next columns."""
-        terms = np.concatenate([*self.columns, self.position_columns, self.slopes, self.constant, [self.reading]])
-        return bool(np.isfinite(terms).all())
 
 
 @dataclass(frozen=True, slots=True)

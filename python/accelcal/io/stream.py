@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.errors import MissingExtra
 from accelcal.data import Array, Flags, RecordingError
+from accelcal.data.rig import MOST_POSITION
 from accelcal.io import naming
 from accelcal.io.assign import Plan, assign, in_si
 from accelcal.io.files import open_regular
@@ -263,10 +264,8 @@ LONGEST = 1000
 """Bytes of a line; what is longer is no line."""
 FIRST_LINES = 20
 """Lines among which the header is sought."""
-MOST_TIME, MOST_ACCEL, MOST_POSITION = 1e12, 1e6, 1e6
-"""What no clock shows and no stage does, s, m/s² and m: such a number is a line that was damaged on its way."""
-MOST_RANGES = 2.0
-"""The same of the output, in declared ranges of the sensor."""
+MOST_TIME = 1e12
+"""What no clock shows, s: such a number is a line that was damaged on its way."""
 CHANNELS = ("accel", "position")
 USUAL = ("t", "accel", "position")
 """Names of the columns where neither a header nor the sidecar gives others."""
@@ -361,8 +360,7 @@ class LineReader:
 
     @property
     def _most(self) -> list[float]:
-        span = self.declared.rig.sensor.range
-        most = MOST_ACCEL if span is None else MOST_RANGES * span
+        most = self.declared.rig.sensor.most_output
         return [MOST_POSITION if name == "position" else most for name in self.channels]
 
     def feed(self, chunk: bytes | None) -> Rows:
