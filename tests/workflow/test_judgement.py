@@ -134,6 +134,22 @@ def test_one_outlier_is_left_out_and_no_property_of_the_noise(number):
     assert ("encoder_outliers" in found.effects) is (number > 1)
 
 
+def test_what_a_missing_effect_leaves_is_no_scatter_of_the_readings():
+    # By hand: 500 Hz, K3, an encoder of 0.5 µm. Nothing stands out, but what the search found leaves heavy tails.
+    rng = np.random.default_rng(11)
+    w, size, phase = 2 * np.pi * np.array([0.7, 1.3, 2.9, 5.1, 7.7]), np.array([3, 2.5, 2, 2, 1.5]), rng.random(5) * 6.3
+    t, at = np.arange(6000) / 500.0, np.arange(3000) / 250.0 + 1e-4
+    a = np.sin(np.outer(t, w) + phase) @ size
+    z = -np.sin(np.outer(at, w) + phase) @ (size / w**2)
+    u = 0.08 + 1.012 * a + 8e-4 * a**3 + 2e-3 * rng.standard_normal(6000)
+    z = 5e-7 * np.round(z / 5e-7) + 2e-7 * rng.standard_normal(3000)
+    run = ac.Recording.from_arrays(t, u, z, position_t=at, units={"accel": "m/s^2", "position": "m"})
+    fit = ac.fit(run)
+    found = diagnose(fit, run)
+    assert found.effects == ("cubic",)
+    assert diagnose(ac.add(fit, run, *found.effects), run).effects == ()
+
+
 def test_nothing_is_left_out_of_a_good_record():
     # Each channel raises a false alarm once in ten thousand records.
     good = record(12)

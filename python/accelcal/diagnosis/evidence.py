@@ -137,15 +137,17 @@ def independent_tests(
     A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
     counts only when no effect was found, nor one without one size (`changing`), and where the motion makes no lines. A
     line above that band where the motion makes lines counts under the same condition, and then no wave over position
-    does: both are harmonics of the motion. Readings that an error of the encoder moves pass for outliers: with one that
-    was found in the model they are tested anew.
+    does: both are harmonics of the motion. Readings that an error of the encoder moves pass for outliers, and where
+    none stands out, so does the scatter that any missing effect leaves: with one that was found in the model they are
+    tested anew.
     """
     at_encoder = any(find(name).port == "position" for name in effects)
     harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
 
     def names(test: NoiseTest) -> bool:
         if test.effect != LINE:
-            moved = at_encoder and test.effect == READING_OUTLIERS
+            stands_out = bool(test.at) or test.parts.get("left_out", 0.0) > 0.0
+            moved = test.effect == READING_OUTLIERS and (at_encoder or bool(effects and not stands_out))
             return not (moved or (test.effect == POSITION_WAVE and harmonic))
         within, by_motion = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
         return not (within or by_motion) or (not (effects or changing) and within != by_motion)
