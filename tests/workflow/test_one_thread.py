@@ -19,13 +19,22 @@ def threads() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
+def limit(number: int) -> None:
+    """In a thread that ends: a living one that has set the limit is the only one that may set it again."""
+    setting = threading.Thread(target=threadpool_limits, args=(number, "blas"))
+    setting.start()
+    setting.join()
+
+
 @pytest.fixture(autouse=True)
 def two_threads():
     np.linalg.eigh(np.eye(2))
-    with threadpool_limits(2, "blas"):
-        if threads() != {2}:
-            pytest.skip("this linear algebra has one thread only")
-        yield
+    before = min(threads())
+    limit(2)
+    if threads() != {2}:
+        pytest.skip("this linear algebra has one thread only")
+    yield
+    limit(before)
 
 
 def test_an_inner_one_does_not_lift_what_the_outer_one_asked_for():
@@ -47,12 +56,29 @@ def test_an_error_lifts_it():
     assert threads() == {2}
 
 
-def test_in_another_thread_it_changes_nothing():
+def test_in_another_thread_it_holds_and_is_lifted():
     within: list[set[int]] = []
     other = threading.Thread(target=one_thread(lambda: within.append(threads())))
     other.start()
     other.join()
-    assert within == [{2}]
+    assert within == [{1}]
+    assert threads() == {2}
+
+
+def test_of_threads_that_overlap_the_first_one_lifts_it():
+    begun, ended = threading.Event(), threading.Event()
+    other = threading.Thread(target=one_thread(lambda: (begun.set(), ended.wait())))
+
+    @one_thread
+    def first() -> None:
+        other.start()
+        begun.wait()
+
+    first()
+    assert threads() == {2}
+    ended.set()
+    other.join()
+    assert threads() == {2}
 
 
 def test_a_fit_and_a_diagnosis_ask_for_it():

@@ -239,21 +239,28 @@ def end(process: subprocess.Popen[bytes], owner: int, *, group: bool = False, pa
         process.wait(patience) if patience else process.wait()
 
 
+_ONE_THREAD = threading.Lock()
+"""Of the call that has set the limit and lifts it again."""
+
+
 def one_thread(function: Callable[Given, Found]) -> Callable[Given, Found]:
     """A function during which linear algebra runs in one thread; afterwards in as many as before.
 
-    Called in the main thread alone: the limit is one for the whole process, and threads that overlap would not restore
-    the former limit.
+    The limit is one for the whole process: of calls that overlap, one inside another or in several threads, the first
+    sets it and lifts it.
     """
 
     @wraps(function)
     def limited(*args: Given.args, **options: Given.kwargs) -> Found:
-        if threading.current_thread() is not threading.main_thread():
+        if not _ONE_THREAD.acquire(blocking=False):
             return function(*args, **options)
-        from threadpoolctl import threadpool_limits  # a command starts without it
+        try:
+            from threadpoolctl import threadpool_limits  # a command starts without it
 
-        with threadpool_limits(1, "blas"):
-            return function(*args, **options)
+            with threadpool_limits(1, "blas"):
+                return function(*args, **options)
+        finally:
+            _ONE_THREAD.release()
 
     return limited
 
