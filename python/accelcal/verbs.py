@@ -741,7 +741,7 @@ def improve(
     recordings : one or several runs to learn from.
     holdout : held-out run on which errors are computed, no part in what is added; by default the last of three runs or
         more whose axis and mount another one has, else the last 30 % of the first, to which only `best` is fitted.
-    most : most effects to add.
+    most : most effects to add; waves of one kind count once, and there are at most twice as many in all.
     extra : users' effects to consider besides the built-in ones; by default all that are registered, with () none.
     alpha, prior : family-wise false-alarm rate, and priors of effect sizes, both as of `diagnose`.
     start, end : s, optional; only this part of the recordings is used, of the held-out one as well.
@@ -786,8 +786,7 @@ def improve(
         test, more = clean_holdout(selection.steps[0][1].model, test, *span)
         rejected = (*rejected, *more)
     steps, disturbed = uncontradicted_steps(selection, begin, test, *span, clean=unseen is None)
-    room = len(selection.current.model.added) < most
-    reason = "no fit with it is possible" if room else f"at most {most} effects are added"
+    reason = selection.history.full(most) or "no fit with it is possible"
     if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"

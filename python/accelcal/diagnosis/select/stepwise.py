@@ -83,6 +83,12 @@ class SelectionHistory:
         """Number of effects; several waves of one count once."""
         return len({stem_of(find(name)) for name in self.effects})
 
+    def full(self, most: int) -> str:
+        """Why nothing more enters where at most so many effects are to; empty where there is room."""
+        if self.entered >= most:
+            return f"at most {most} effects are added"
+        return f"at most {2 * most} effects and waves are added" if len(self.classes) >= 2 * most else ""
+
     def enter(self, finding: DetectedEffect, gain: float, replaced: Sequence[str] = ()) -> None:
         """Add an effect; a nonparametric curve replaces the effects that it covers."""
         leaving = dict.fromkeys((*replaced, finding.effect))  # itself where it was coarse
