@@ -1,6 +1,7 @@
 """Data: a recording, the rig it was made on, units, and the quality of both."""
 
 from accelcal._support.values import listing
+from accelcal.data import units as units
 from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup, Positions
