@@ -133,6 +133,18 @@ def test_an_object_is_pickled_and_copied(objects: dict[str, Any], kind: str) -> 
         assert kind not in EQUAL or again == one
 
 
+@pytest.mark.parametrize("kind", ["Comparison", "Diagnosis", "Evaluation", "Fit", "Power"])
+def test_what_was_read_from_json_is_pickled_copied_and_compared_without_what_that_leaves_out(
+    objects: dict[str, Any], kind: str
+) -> None:
+    whole = objects[kind]
+    read = type(whole).from_json(whole.to_json())
+    for again in (pickle.loads(pickle.dumps(read)), copy.copy(read), copy.deepcopy(read)):
+        assert again == read
+        assert again.to_json() == whole.to_json()
+    assert (read == whole) is (kind in ("Fit", "Power"))
+
+
 @pytest.mark.parametrize("kind", EQUAL)
 def test_objects_with_arrays_are_equal_where_every_number_is(objects: dict[str, Any], kind: str) -> None:
     result = objects[kind]

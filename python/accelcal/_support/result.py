@@ -29,6 +29,10 @@ class NotStored:
         return face("results.json").marked(self, source, handler)
 
 
+class LeftOutError(AccelcalError, AttributeError):
+    """A field that a JSON has left out is asked for: for `hasattr`, copies and comparisons the object has none."""
+
+
 class Storable:
     """An object whose fields are its JSON."""
 
@@ -47,7 +51,7 @@ class Storable:
             if name not in getattr(kind, "__dataclass_fields__", ()):
                 return object.__getattribute__(self, name)  # raises what it raised
             mark = get_type_hints(kind, include_extras=True)[name].__metadata__[0]
-            raise AccelcalError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
+            raise LeftOutError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:

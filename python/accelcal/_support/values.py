@@ -38,7 +38,20 @@ def immutable(value: type[Value]) -> type[Value]:
         type.__setattr__(value, method, refuse)
     if of_fields is not object.__eq__:
         type.__setattr__(value, "__eq__", equal)
+    if getattr(value.__dict__.get("__getstate__"), "__module__", "") == "dataclasses":  # of slots
+        type.__setattr__(value, "__getstate__", _state)
+        type.__setattr__(value, "__setstate__", _restore)
     return value
+
+
+def _state(value: Any) -> dict[str, Any]:
+    """Fields that a value has, by name: one that was read may lack some."""
+    return {f.name: getattr(value, f.name) for f in fields(value) if hasattr(value, f.name)}
+
+
+def _restore(value: object, state: Mapping[str, Any]) -> None:
+    for name, y in state.items():
+        object.__setattr__(value, name, y)
 
 
 def alike(a: Any, b: Any) -> bool:
@@ -54,7 +67,7 @@ def alike(a: Any, b: Any) -> bool:
     if hasattr(a, "dtype"):  # an array; to ask for its class would take numpy into every start
         return a.shape == b.shape and bool(((a == b) | ((a != a) & (b != b))).all())
     if is_dataclass(a):
-        return all(alike(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.compare)
+        return all(alike(getattr(a, f.name, None), getattr(b, f.name, None)) for f in fields(a) if f.compare)
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(alike, a, b))
     return bool(a == b)

@@ -245,7 +245,12 @@ def tight(part: Any, short: bool = False) -> Any:
     tightened = {key: value if key in AS_THEY_ARE else tight(value, short) for key, value in part.items()}
     match tightened.get("type"):
         case "dataclass":
-            tightened["config"] = WRITTEN
+            tightened["config"], arguments = WRITTEN, tightened["schema"]
+            while arguments["type"] != "dataclass-args":
+                arguments = arguments["schema"]
+            # A writer asks for each of these, and what was read has no field that its JSON left out.
+            kept = {field["name"] for field in arguments["fields"]}
+            tightened["fields"] = [name for name in part["fields"] if name in kept]
         case "dataclass-args":
             tightened["fields"] = [tight(field, short) for field in part["fields"] if mark_of(field) is not False]
         case "dataclass-field" if mark_of(tightened):
