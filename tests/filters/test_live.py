@@ -63,6 +63,22 @@ def test_inputs_of_a_live_model_that_are_none_are_refused_in_a_sentence() -> Non
     assert live.step(1.0, 0.0) is not None  # nothing was changed
 
 
+def test_a_record_of_other_packages_is_run_as_that_of_numpy() -> None:
+    pd = pytest.importorskip("pandas")
+
+    u, z, unread = 0.1 + 0.01 * np.arange(8), 1e-6 * np.arange(8), np.arange(8) % 2 == 1
+    values = []
+    for outputs, readings in (
+        (u, np.where(unread, np.nan, z)),
+        (u, np.ma.masked_array(z, unread)),
+        (pd.Series(u, index=range(5, 13)), pd.Series(z).where(~unread, None)),
+    ):
+        live = live_filter(Model.linear())
+        live.run(outputs, readings)
+        values.append(live.values.tolist())
+    assert values[0] == values[1] == values[2]
+
+
 def test_a_sample_that_no_stage_gives_is_refused_and_leaves_the_filter_as_it_was() -> None:
     narrow = replace(RIG, sensor=replace(RIG.sensor, range=20.0))
     for rig, u, z in ((RIG, 1e200, None), (RIG, 1e7, None), (RIG, 0.1, 1e80), (narrow, 41.0, 0.0)):

@@ -13,6 +13,7 @@ import numpy as np
 from accelcal._support.arguments import HOW_TO, found
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, Array, Rig, unsupported
+from accelcal.data.arrays import copied
 from accelcal.data.rig import MOST_POSITION
 from accelcal.effects import BUILT_IN, Effect, find, is_local
 from accelcal.effects.building_blocks import carried_on, lag_weights
@@ -362,6 +363,7 @@ class LiveModel:
             raise AccelcalError(
                 f"LiveModel.run: arrays of shapes {shapes}; expected (n,) each, NaN where none was read"
             )
+        u, z, side = copied(u), copied(z), {name: copied(y) for name, y in side.items()}
         for j in range(len(u)):
             read = float(z[j])
             here = {name: float(y[j]) for name, y in side.items()}
