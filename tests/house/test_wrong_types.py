@@ -168,6 +168,7 @@ def test_annotations_of_all_checked_functions_can_be_evaluated() -> None:
     [
         (float, np.float64(1.0), True),
         (int, np.int64(1), 1.5),
+        (float, np.float32(1.0), np.timedelta64(1, "s")),
         (float | None, None, "1"),
         (tuple[str, ...], ("a",), "a"),
         (bool, np.bool_(True), 1),

@@ -127,9 +127,9 @@ def accepts(hint: Any, value: object) -> bool:
     if getattr(origin or hint, "_is_protocol", False):
         return True  # what is like an array is judged by numpy
     if hint is float:
-        return isinstance(value, numbers.Real) and not isinstance(value, bool)
+        return isinstance(value, numbers.Real) and not isinstance(value, bool | np.timedelta64)
     if hint is int:
-        return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+        return isinstance(value, numbers.Integral) and not isinstance(value, bool | np.timedelta64)
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if hint is None:
