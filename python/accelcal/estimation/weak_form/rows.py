@@ -59,8 +59,12 @@ RESOLVED = 1.2
 WHOLE = 1e-3
 """Distance from a whole number that counts as one."""
 RESOLVING = 0.05
-"""Frequency over the slower of both rates up to which test functions resolve, most: closer to them a sum stands on a
-few samples, and of the noise nothing more is told."""
+"""Frequency over the slower of both rates up to which test functions resolve the noise, most: closer to them a sum
+stands on a few samples, and of the noise nothing more is told."""
+MOVING = 0.2
+"""The same of a motion that lies beyond: without it no parameter is told at all."""
+WITHIN = 0.5
+"""Share of the power of the motion that test functions of the usual width are to resolve."""
 TWICE_DIFFERENTIATED = 7
 """Degree of the splines through the readings whose second derivatives are taken."""
 SETTLED = 0.5
@@ -92,7 +96,7 @@ class WeakRows:
         run, values = state.run, state.values
         if run.filters.blocking and run.order == POSITION_ORDER:
             raise NoWeakForm("the output has passed a high-pass, whose state at the start is not known")
-        if run.filters.acts and run.read is not None:
+        if run.filters.acts and run.read is not None and run.order == POSITION_ORDER:
             raise NoWeakForm("the position is filtered, and only some of its readings are used")
         self._clock = float(run.t[0])  # a small offset would be lost in the last digits of a clock from 1970
         stamps = values.instants(run.driving.t - self._clock, run.origins.t - self._clock)
@@ -213,11 +217,26 @@ class WeakRows:
             crossover = run.crossover(noise) if self.order else 0.0
         rate = 1.0 / max(self.reading_step, run.accel_step)
         highest = min(max(self.signals.cutoff, crossover), RESOLVING * rate)
+        if self.signals.cutoff > highest and self._share_below(highest) < WITHIN:
+            highest = min(self.signals.cutoff, MOVING * rate)
         widest = min(1.0 / (OVERSAMPLING * highest), span / LEAST_STEPS)
         every = max(1, int(widest / self.reading_step))
         while not resolved(every * self.reading_step / run.accel_step):
             every += 1
         return every * self.reading_step
+
+    def _share_below(self, frequency: float) -> float:
+        """Share of the power of the motion below a frequency, Hz, where rows may be."""
+        s = self.signals
+        moving = s.a[s.t > s.t[0] + self._unsettled] if s.t[-1] > s.t[0] + self._unsettled else s.a
+        moving = moving - np.mean(moving)
+        return float(np.mean(low_pass(moving, 1.0 / s.step, frequency) ** 2) / max(np.mean(moving**2), 1e-300))
+
+    @property
+    def _unsettled(self) -> float:
+        """Time behind a start in which a high-pass has not forgotten a state that is not known, s."""
+        filters = self.state.run.filters
+        return SETTLED * filters.settle if filters.blocking else 0.0
 
     @property
     def rate(self) -> float:
@@ -385,9 +404,9 @@ class WeakRows:
         used = run.t - self._clock
         spans.append(self._readings.around(used[again], used[again + 1], self.rate))
         whole = np.ones(self.splines.count, dtype=np.bool_)
-        if run.filters.blocking:  # where a high-pass has not forgotten a state that is not known
+        if self._unsettled > 0.0:
             starts = t[np.append(0, np.flatnonzero(run.filters.gaps(t)))]
-            spans.append(np.column_stack([starts, starts + SETTLED * run.filters.settle]))
+            spans.append(np.column_stack([starts, starts + self._unsettled]))
         for begin, end in np.concatenate(spans):
             whole[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
         return whole
