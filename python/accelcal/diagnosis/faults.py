@@ -781,6 +781,8 @@ def without_unrelated_start(columns: RelationColumns) -> Recording | None:
         if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * splits.power[0][best]:
             continue
         recording, end = columns.run.recording, relation.edges[K - best - 1 + EDGE_BLOCKS]
+        if end < columns.run.t[0] + columns.run.filters.unsettled:  # nor does a relation hold behind a high-pass
+            continue
         return without(recording, "accel", recording.accel.t < end, "unrelated", 1.0 / band, 0.0)
     return None
 

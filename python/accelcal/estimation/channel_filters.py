@@ -31,6 +31,8 @@ LEAST_POWER = 0.8
 """Noise of which declared filters leave less than this share of the power is not taken as white."""
 GRID_ERROR = 1e-3
 """Stamps that follow a uniform clock closer than this share of a period are taken as uniform."""
+SETTLED = 0.5
+"""Share of the memory of a high-pass after which its unknown state at a start is forgotten: nine time constants."""
 MOST_TRANSIENTS = 16
 """Gaps of the readings behind which the state of a high-pass is estimated anew."""
 
@@ -67,6 +69,11 @@ class ChannelFilters:
     def settle(self) -> float:
         """Time after which every response has died away, s."""
         return memory(self.rig.output_filters, self.rate) + memory(self.rig.position_filters, self.reading_rate)
+
+    @property
+    def unsettled(self) -> float:
+        """Time behind a start in which a high-pass has not forgotten a state that is not known, s."""
+        return 0.0 if self.rig.coupled else SETTLED * self.settle
 
     @cached_property
     def edge(self) -> float:

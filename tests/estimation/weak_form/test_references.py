@@ -9,6 +9,7 @@ from scipy.stats import chi2
 import accelcal as ac
 from accelcal.data import Channel, ChannelFilter
 from accelcal.data.recording import integrated
+from accelcal.diagnosis.faults import examine
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 
@@ -75,16 +76,20 @@ def test_the_model_file_keeps_what_the_reference_is(tmp_path):
     assert model_file.load(path).runs[0].noise.reference == "velocity"
 
 
-def vibration(reference, low, high, rate=2500.0, seconds=1.5):
-    """A record of random motion of 15 m/s² rms between two frequencies, Hz, by sums of its lines: no simulator."""
+def vibration(reference, low, high, rate=2500.0, seconds=1.5, corners=(0.0, 0.0)):
+    """A record of random motion of 15 m/s² rms between two frequencies, Hz, by sums of its lines: no simulator.
+
+    It has lasted for ever behind the high-passes of output and reference, whose `corners` are in Hz.
+    """
     rng = np.random.default_rng([11, round(low)])
     t = np.arange(0.0, seconds, 1.0 / rate)
     w = 2.0 * np.pi * np.arange(low, high, 2.0)[:, None]
     a = (15.0 / np.sqrt(len(w) / 2.0)) * np.exp(1j * (w * t + rng.uniform(0.0, 2.0 * np.pi, w.shape)))
     order = {"position": 2, "velocity": 1, "reference_acceleration": 0}[reference]
-    read = np.sum(np.real(a / (1j * w) ** order), axis=0)
+    behind = [a * 1j * w / (1j * w + 2.0 * np.pi * corner) for corner in corners]
+    read = np.sum(np.real(behind[1] / (1j * w) ** order), axis=0)
     read += 1e-4 * np.std(read) * rng.standard_normal(len(t))
-    output = 1.02 * np.sum(a.real, axis=0) + 0.005 * rng.standard_normal(len(t))
+    output = 1.02 * np.sum(behind[0].real, axis=0) + 0.005 * rng.standard_normal(len(t))
     units = {"t": "s", "accel": "m/s^2", "position": "m"}
     if reference == "position":
         return ac.Recording.from_arrays(t, output, read, units=units)
@@ -106,3 +111,11 @@ def test_an_acceleration_behind_a_high_pass_is_a_reference_however_good():
     rig = dataclasses.replace(one.rig, position_filters=(ChannelFilter("RC", "highpass", 0.5),))
     fitted = ac.fit(dataclasses.replace(one, rig=rig), reject_outliers=False)
     assert fitted["scale_factor"].value == pytest.approx(0.02, abs=1e-3)
+
+
+def test_readings_behind_a_high_pass_that_has_not_settled_are_related():
+    """A record that begins in the middle of a vibration: what the start adds was taken for another stage's motion."""
+    one = vibration("reference_acceleration", 10.0, 100.0, rate=500.0, seconds=24.0, corners=(0.3, 0.1))
+    high = [(ChannelFilter("RC", "highpass", corner),) for corner in (0.3, 0.1)]
+    one = dataclasses.replace(one, rig=dataclasses.replace(one.rig, output_filters=high[0], position_filters=high[1]))
+    assert not examine(one).source.recording.left_out

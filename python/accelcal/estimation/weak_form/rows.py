@@ -67,8 +67,6 @@ WITHIN = 0.5
 """Share of the power of the motion that test functions of the usual width are to resolve."""
 TWICE_DIFFERENTIATED = 7
 """Degree of the splines through the readings whose second derivatives are taken."""
-SETTLED = 0.5
-"""Share of the memory of a high-pass after which its unknown state at a start is forgotten: nine time constants."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -234,9 +232,9 @@ class WeakRows:
 
     @property
     def _unsettled(self) -> float:
-        """Time behind a start in which a high-pass has not forgotten a state that is not known, s."""
+        """Time behind a start in which a high-pass of the output, applied to readings, has not settled, s."""
         filters = self.state.run.filters
-        return SETTLED * filters.settle if filters.blocking else 0.0
+        return filters.unsettled if filters.blocking else 0.0
 
     @property
     def rate(self) -> float:
