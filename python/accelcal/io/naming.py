@@ -68,6 +68,8 @@ COUNTED = {
 _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
 _INDEX = re.compile(r"(?P<base>.*?)\s*[\[(](?P<index>\d+)[\])]")
 """A bare number in brackets, which is the place in an array and no unit."""
+_QUOTIENT = re.compile(r"(?P<base>.*?\S)\s+/\s+(?:\((?P<group>.*)\)|(?P<unit>\S.*?))\s*")
+"""A quantity over its unit, as ISO 80000-1 writes the head of a column."""
 _FULL_WIDTH = dict(zip(map(ord, "\uff08\uff09\uff3b\uff3d"), "()[]", strict=True))
 """Brackets of East Asian keyboards."""
 
@@ -97,12 +99,17 @@ def take_apart(column: str) -> Named:
     Named(base='accel_0', suffix='m/s^2', brackets=None)
     >>> take_apart("accel_mm/s^2")
     Named(base='accel', suffix='mm/s^2', brackets=None)
+    >>> take_apart("a / (m/s²)"), take_apart("t / s")
+    (Named(base='a', suffix=None, brackets='m/s²'), Named(base='t', suffix=None, brackets='s'))
     """
     if len(column) > MOST_NAME:
         return Named(column, None, None)
     base, brackets, index = column.strip().translate(_FULL_WIDTH), None, ""
     if match := _INDEX.fullmatch(base):
         base, index = match["base"], f"_{match['index']}"
+    match = _QUOTIENT.fullmatch(base)
+    if match and units.is_unit(match["unit"] or match["group"]):
+        base, brackets = match["base"], match["unit"] or match["group"]
     match = _BRACKETS.fullmatch(base)
     if match and (match["square"] is not None or units.is_unit(match["round"])):
         base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
