@@ -214,6 +214,14 @@ def test_the_file_of_one_of_two_loggers_asks_for_nothing_of_the_other(tmp_path):
     )
 
 
+def test_a_reference_in_volts_is_no_channel_of_another_file(tmp_path):
+    """An LVDT or a vibrometer behind a converter was a side channel, and the position was said to be elsewhere."""
+    text = io.init(write(tmp_path, "t_s,acc_g,LVDT_V", "0.0,1,0.1\n0.1,2,0.2\n0.2,1,0.4\n"))
+    assert '# position = { column = "LVDT_V", unit = "V", scale = "20 V/m", zero = "0 V" }' in text
+    assert "velocity" in text
+    assert "\nLVDT" not in text
+
+
 @pytest.mark.parametrize(("mean", "scale"), [("mean [m/s^2]", False), ("Mean [V]", True)])
 def test_a_table_of_dwells_gets_a_sidecar_of_dwells(tmp_path, mean, scale):
     rows = "0,0.05,1e-3,60,600\n90,9.85,1e-3,60,600\n180,0.05,1e-3,60,600\n270,-9.75,1e-3,60,600\n"

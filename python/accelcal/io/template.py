@@ -97,6 +97,7 @@ def template(path: str | Path) -> str:
     attitude = f'[channels.attitude]\ncolumns = [{quaternion}]\nmaps = {maps} "ENU to sensor"'
     missing = [name for name, column in columns.items() if column is None]
     likely = {column for name in missing for column, _ in candidates(table, name)}
+    likely |= {column for column in others if "position" in missing and _dimension(table, column) == "V"}
     warm = None if "temperature" in by_name.values() else _only(table, "temperature", {*columns.values(), *copies})
     lines, keys = [f"# {column} is a copy of {copies[column]}" for column in copies if column not in taken], {*columns}
     for column in others:
@@ -272,6 +273,13 @@ def _elsewhere(table: Table, name: str, others: Collection[str]) -> str:
     lacking = {"accel": f"accelcal check OUTPUT --position {table.path.name}", "position": "--position READINGS"}
     if name not in lacking or candidates(table, name) or any(_unit(table, c) is None for c in others):
         return ""
+    volts = [column for column in others if name == "position" and _dimension(table, column) == "V"]
+    if volts:  # the last: an output mostly stands before its reference
+        as_position = _source(table, volts[-1], _unit(table, volts[-1]), {}, ', scale = "20 V/m", zero = "0 V"')
+        return (
+            f"# {name}: FILL IN, unless a file of another logger has it ({lacking[name]}):\n# {name} = {as_position}\n"
+            '# what a vibrometer reads is its velocity, with a scale like "8 V/(m/s)"'
+        )
     return f"# {name}: no column measures it; where a file of another logger does: {lacking[name]}"
 
 
