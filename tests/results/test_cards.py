@@ -163,6 +163,7 @@ def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_pa
     from accelcal.cli.printing import show_fit
     from accelcal.report.content import gather
     from accelcal.report.view import view
+    from accelcal.results.tables import curve_row
 
     fit, recording = full
     assert fit.noise_effects
@@ -181,6 +182,8 @@ def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_pa
     for name in ("quantisation", "shape_of_velocity", "creep", fit.shapes[0].name):
         for face, text in faces.items():
             assert name.replace(".", "_") in text.replace(".", "_"), (face, name)
+    # one coefficient is not what the whole curve contributes at most, which a diagnosis says
+    assert curve_row(fit, "shape_of_velocity", 9)["si"].startswith("largest ")
 
 
 def test_an_effect_on_noise_is_in_the_last_model_and_has_no_panel_of_its_own():

@@ -226,7 +226,7 @@ def curve_row(fit: Fit, name: str, count: int) -> Row:
         "held": False,
         "worded": size or f"{count} coefficients",
         "at_full_scale": "",
-        "si": "" if size else f"at most {amount(largest.value, largest.std, largest.unit)}",
+        "si": "" if size else f"largest {amount(largest.value, largest.std, largest.unit)}",
         "span": "",
         "includes": "",
     }
