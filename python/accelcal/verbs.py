@@ -15,7 +15,7 @@ from typing import Any, Literal, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.process import one_thread, within
+from accelcal._support.process import one_thread, parts_of, within
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Positions, Recording, RecordingError
 from accelcal.data.recording import with_dwells
@@ -1004,8 +1004,7 @@ def compare(
         )
     evaluations = []
     settings: Any = {"band": band, "horizons": horizons, "start": start, "end": end, "budget": budget}
-    for number, recording in enumerate(several):
-        part = within(progress, number / len(several), (number + 1) / len(several))
+    for recording, part in zip(several, parts_of(progress, len(several)), strict=True):
         of_output = [fit.of_axis(recording.axis) for fit in models]
         evaluations.append(compare_models(of_output, recording, Ruler.of(of_output), part, **settings))
     fitted = {run.session for fit in models for run in fit.runs if run.session}
@@ -1042,11 +1041,13 @@ def compare_models(
 
     gone = tuple(note.sentence for note in examined.remarks())
     predictions: dict[int, Prediction] = {}
+    shares = parts_of(progress, len(fits), 0.1, 0.8)
 
     def compared(number: int, fit: Fit) -> Evaluation:
-        share = within(progress, 0.1 + 0.7 * number / len(fits), 0.1 + 0.7 * (number + 1) / len(fits))
         ahead = evaluation.predicted(fit, part, ruler, start=begin, end=finish)
-        result = evaluation.compare(fit, part, band=band, horizons=horizons, ruler=ruler, ahead=ahead, progress=share)
+        result = evaluation.compare(
+            fit, part, band=band, horizons=horizons, ruler=ruler, ahead=ahead, progress=shares[number]
+        )
         if budget:
             predictions[number] = ahead
         scores = noise_scores(fit, part, start=begin, end=finish)

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from accelcal._support import stopping
@@ -272,6 +273,14 @@ LEAST_SHARE, LEAST_TIME = 0.02, 1.0
 def within(progress: Callable[[float], None], low: float, high: float) -> Callable[[float], None]:
     """Report progress of one part of the work as progress of the whole."""
     return lambda share: progress(low + share * (high - low))
+
+
+def parts_of(
+    progress: Callable[[float], None], count: int, low: float = 0.0, high: float = 1.0
+) -> list[Callable[[float], None]]:
+    """Report progress of equal parts of the work between two shares, in their order, as progress of the whole."""
+    ends = [low + (high - low) * number / max(count, 1) for number in range(count + 1)]
+    return [within(progress, *pair) for pair in pairwise(ends)]
 
 
 def time_left(elapsed: float, share: float) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from accelcal import io
 from accelcal._support.errors import AccelcalError
-from accelcal._support.process import within
+from accelcal._support.process import parts_of, within
 from accelcal.app import mapping
 from accelcal.app.state import Formula, Run, Stretch, units_of
 from accelcal.app.workers import Report
@@ -199,10 +199,9 @@ def judged(
 ) -> tuple[tuple[Evaluation, ...], ...]:
     """Compare models with recordings, all with the filter of `ruler`, above the noise floor of the model they grew
     from: for each model its comparisons."""
-    part = 1.0 / len(data)
-    reports = [within(progress, number * part, (number + 1) * part) for number in range(len(data))]
     comparisons = [
-        compare_models(fits, data_set, ruler, report, base=base) for data_set, report in zip(data, reports, strict=True)
+        compare_models(fits, data_set, ruler, part, base=base)
+        for data_set, part in zip(data, parts_of(progress, len(data)), strict=True)
     ]
     return tuple(zip(*comparisons, strict=True))
 
@@ -327,11 +326,8 @@ class Reader:
         """
         order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
         by_number: dict[int, Run] = {}
-        for count, number in enumerate(order):
-            lenders = [*present, *by_number.values()]
-            by_number[number] = self.run(
-                paths[number], None, lenders, within(progress, count / len(paths), (count + 1) / len(paths))
-            )
+        for number, part in zip(order, parts_of(progress, len(paths)), strict=True):
+            by_number[number] = self.run(paths[number], None, [*present, *by_number.values()], part)
         return tuple(by_number[number] for number in range(len(paths)))
 
     def run(self, path: Path, sidecar: str | None, lenders: Sequence[Run], progress: Report) -> Run:

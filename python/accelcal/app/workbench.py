@@ -20,7 +20,7 @@ from typing import Any, Concatenate, Literal, ParamSpec
 
 from accelcal import io
 from accelcal._support import errors
-from accelcal._support.process import within
+from accelcal._support.process import parts_of, within
 from accelcal.app import mapping, session_file, tasks
 from accelcal.app.state import (
     MOST_GUESTS,
@@ -235,16 +235,14 @@ class Workbench:
         """Declare an RC low-pass of the output for every recording, and fit the models up to the current one again."""
         entry, changed = mapping.LowPassEntry("RC", f"{cutoff:g} Hz"), state
         owners = [number for number, run in enumerate(state.runs) if run.recording is not None and not run.lender]
-        for count, number in enumerate(owners):
+        for number, part in zip(owners, parts_of(progress, len(owners), 0.0, 0.4), strict=True):
             run = state.runs[number]
             text = mapping.text_of(run.file, run.sidecar, run.template)
             columns = mapping.choices(run.columns, text, run.template)
             sidecar = mapping.sidecar_from(text, columns, changes=entry.changed(text))
-            part = within(progress, 0.4 * count / len(owners), 0.4 * (count + 1) / len(owners))
             changed = self._declared(replace(changed, shown=number), sidecar, part)
         changed = replace(changed, shown=state.shown)
-        for count, step in enumerate(state.path):
-            part = within(progress, 0.4 + 0.58 * count / len(state.path), 0.4 + 0.58 * (count + 1) / len(state.path))
+        for step, part in zip(state.path, parts_of(progress, len(state.path), 0.4, 0.98), strict=True):
             changed = self._grown(changed, step.change, part)
         return changed
 
@@ -258,8 +256,7 @@ class Workbench:
         sharing = [run for run in state.runs if run.lender == owner.name]
         alike = [owner, *sharing, *(run for run in same if run.problem and run is not owner)]
         read: dict[int, Run] = {}
-        for number, run in enumerate(alike):
-            part = within(progress, 0.9 * number / len(alike), 0.9 * (number + 1) / len(alike))
+        for run, part in zip(alike, parts_of(progress, len(alike), 0.0, 0.9), strict=True):
             new = self._reader().run(run.file, None if run in sharing else sidecar, list(read.values()), part)
             if new.problem and not asked.problem and len(state.runs) > 1:
                 raise Refused(new.problem)
@@ -375,8 +372,9 @@ class Workbench:
         """The files of a session, those with a sidecar first: others have the rig of the first of them."""
         stored = opened.content.runs
         runs: dict[int, Run] = {}
-        for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
-            stored_run, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
+        order = sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)
+        for number, part in zip(order, parts_of(progress, len(stored)), strict=True):
+            stored_run = stored[number]
             path = opened.path(stored_run.source)
             beside = stored_run.sidecar == (mapping.text_of(path, None, "") or None)
             lenders = [runs[n] for n in sorted(runs)]

@@ -24,7 +24,6 @@ from accelcal.cli.common import (
     UsageError,
     app,
     deliver,
-    load_own_effects,
     print_status,
     print_written,
     progress,
@@ -117,7 +116,6 @@ def report(
     if compare and (holdout or rig or light):
         raise UsageError("--compare takes two models and no recording; leave out --holdout, --rig and --light")
     written = pages_to_write(output if output is not None else run.with_suffix(".html"), pdf)
-    load_own_effects(effects_file)
     fitted = model_file.load(model)
     content: Any
     with progress("report") as share, io.together():
@@ -205,7 +203,6 @@ def export(
     if live is not None or rate is not None:
         if live is None or rate is None or c or rust or dcc or json or without or parameters:
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
-        load_own_effects(effects_file)
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
         followed = exports.live_filter(of_one_output(model), rate, watch=suspects, gate=gate)
         export_filter(exports.filter_files(followed, output.name, live, precision, model.name), output.parent)
@@ -221,7 +218,6 @@ def export(
     for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",))):
         if path is not None and path.suffix not in endings:
             raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
-    load_own_effects(effects_file)
     fitted, files = model_file.load(model), dict[Path, str]()
     if fitted.axes or parameters is not None:
         if dcc is not None:

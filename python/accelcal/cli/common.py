@@ -202,13 +202,14 @@ ModelFile = Annotated[Path, typer.Argument(help="Model file written by fit.", sh
 
 
 def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn every exception into one sentence and an exit code."""
+    """Load effects of the user's own before a command, and turn every exception into one sentence and an exit code."""
 
     @functools.wraps(command)
     def run(*args: Any, force: bool = False, explain: bool = False, **kwargs: Any) -> None:
         token = writing.set(Writing(command.__name__, force, explain, kwargs))
         try:
             refuse_overwriting(kwargs)
+            load_own_effects(kwargs.get("effects_file"))
             command(*args, **kwargs)
         except KeyboardInterrupt:  # of a caller that catches no signals
             exit_with("interrupted; no file was left half-written", INTERRUPTED)

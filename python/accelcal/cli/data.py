@@ -24,7 +24,6 @@ from accelcal.cli.common import (
     UsageError,
     app,
     deliver,
-    load_own_effects,
     parse_quantity,
     print_alignment,
     print_json,
@@ -97,7 +96,6 @@ def check(
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    load_own_effects(effects_file)  # sizes of such may be declared
     with progress("check") as report:
         recordings, contents = io.load_declared(run, rig, position=position), {}
         for number, recording in enumerate(recordings):
@@ -227,9 +225,7 @@ def simulate(
     """
     import numpy as np
 
-    rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
-    if sensor not in rigs:
-        raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+    rig = rig_of_sensor(sensor)
     if reference not in data.UNITS:
         raise UsageError(f"--reference {reference!r}: expected {', '.join(data.UNITS)}")
     truth = {
@@ -243,7 +239,7 @@ def simulate(
         simulated = sensors.simulate(
             motion,
             seconds=seconds,
-            rig=rigs[sensor],
+            rig=rig,
             parameters=truth,
             rng=np.random.default_rng(seed),
             a_rms=a_rms,
@@ -257,6 +253,14 @@ def simulate(
     else:
         print_status(f"wrote {output} and {sidecar}; true values: {truth_text(truth)}")
         suggest("check", output)
+
+
+def rig_of_sensor(name: str) -> data.Rig:
+    """The rig of the paper with a sensor of its."""
+    rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
+    if name not in rigs:
+        raise UsageError(f"--sensor {name!r}: expected {' or '.join(rigs)}")
+    return rigs[name]
 
 
 def truth_text(truth: Mapping[str, float]) -> str:

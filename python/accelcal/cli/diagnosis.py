@@ -30,7 +30,6 @@ from accelcal.cli.common import (
     after_diagnosis,
     app,
     deliver,
-    load_own_effects,
     parse_quantity,
     print_json,
     print_status,
@@ -43,7 +42,8 @@ from accelcal.cli.common import (
     writable_file,
     writable_folder,
 )
-from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
+from accelcal.cli.data import rig_of_sensor
+from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, verbs
 from accelcal.cli.models import LOADED, load_all, load_like, load_runs, size_priors_of
 from accelcal.cli.overwriting import mark_of
 
@@ -76,7 +76,6 @@ def diagnose(
     from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.diagnosis.verdict import AxesDiagnosis
 
-    load_own_effects(effects_file)
     fitted, sizes = model_file.load(model), size_priors_of(prior)
     with progress("diagnose") as report:
         recordings = with_dwells(load_all(fitted, runs, rig))
@@ -141,7 +140,6 @@ def improve(
     """
     from accelcal.estimation.estimate import require_distinct
 
-    load_own_effects(effects_file)
     if further and json:
         raise UsageError("--next prints a table; for its JSON run accelcal next MODEL RUN --json")
     sizes, recordings = size_priors_of(prior), load_runs(runs, rig)
@@ -203,7 +201,6 @@ def formula(
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
-    load_own_effects(effects_file)
     try:
         shape = catalogue.find(curve)
     except ValueError as error:
@@ -246,7 +243,6 @@ def effects(
 
     Example: [bold]accelcal effects cubic[/bold]
     """
-    load_own_effects(effects_file)
     if name is not None:
         say_card(catalogue.card(catalogue.find(name)))
         suggest("add", "MODEL.json", "RUN.csv", "--effect", name)
@@ -274,7 +270,6 @@ def power(
     """
     from accelcal.model import Model
 
-    load_own_effects(effects_file)
     with progress("power") as report:
         recording = io.load(run, rig, need_accel=False)
         if len(recording.accel):
@@ -308,13 +303,9 @@ def plan(
 
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
-    rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
     if rig is not None and sensor is not None:
         raise UsageError("--sensor and --rig both say which sensor it is; leave one out")
-    sensor = "ADXL105" if sensor is None else sensor
-    if sensor not in rigs:
-        raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
-    used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
+    used = rig_of_sensor("ADXL105" if sensor is None else sensor) if rig is None else io.read_sidecar(rig).rig
     with progress("plan") as report:
         result = experiment.plan(
             [name.strip() for name in effects.split(",") if name.strip()],
@@ -361,7 +352,6 @@ def next_run(
 
     Example: [bold]accelcal next m.json run12.csv --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
-    load_own_effects(effects_file)
     given = (stroke, "length", "--stroke"), (vmax, "speed", "--vmax"), (amax, "acceleration", "--amax")
     limits = [None if text is None else printing.limit(text, kind, option) for text, kind, option in given]
     seconds = parse_quantity(setup, "time", "--setup") or 0.0
@@ -444,7 +434,6 @@ def compare(
     Example: [bold]accelcal compare m.json run13.csv[/bold], or
     [bold]accelcal compare m.json m2.json run13.csv run14.csv[/bold]
     """
-    load_own_effects(effects_file)
     models, runs = models_and_runs(files)
     fits = [model_file.load(path) for path in models]
     with progress("compare") as report:

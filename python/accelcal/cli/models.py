@@ -26,7 +26,6 @@ from accelcal.cli.common import (
     after_fit,
     app,
     deliver,
-    load_own_effects,
     parse_quantity,
     print_alignment,
     print_status,
@@ -201,7 +200,7 @@ def add(
     """
     refit(
         lambda fitted, recordings, report: verbs.add(fitted, recordings, *effects, progress=report),
-        *(model, runs, rig, effects_file, output, json),
+        *(model, runs, rig, output, json),
         then=("compare", model, output, UNSEEN),
     )
 
@@ -223,7 +222,7 @@ def drop(
     """
     refit(
         lambda fitted, recordings, report: verbs.drop(fitted, recordings, *effects, progress=report),
-        *(model, runs, rig, effects_file, output, json),
+        *(model, runs, rig, output, json),
         then=("compare", output, model, UNSEEN),
     )
 
@@ -264,7 +263,7 @@ def freeze(
         model = fitted.model.release(*(release or ())).freeze(**held)
         return verbs.refit(fitted, recordings, model, report)
 
-    refit(again, model, runs, rig, effects_file, output, json, then=("diagnose", output, *runs))
+    refit(again, model, runs, rig, output, json, then=("diagnose", output, *runs))
 
 
 def refit(
@@ -272,13 +271,11 @@ def refit(
     model: Path,
     runs: Sequence[Path],
     rig: Path | None,
-    effects_file: Sequence[Path] | None,
     output: Path | None,
     json: bool,
     then: Sequence[str | Path | None],
 ) -> None:
     """Make a model of another one on its recordings by `work`, deliver it, and say what comes `then`."""
-    load_own_effects(effects_file)
     fitted = model_file.load(model)
     with progress(writing.get().command) as report:
         recordings = load_all(fitted, runs, rig)

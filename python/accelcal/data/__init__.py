@@ -2,7 +2,17 @@
 
 from accelcal._support.values import listing
 from accelcal.data import units as units
-from accelcal.data.arrays import Array, Counts, Flags, Places
+from accelcal.data.arrays import (
+    Array,
+    Counts,
+    Flags,
+    Places,
+    median_step,
+    root_mean_square,
+    running_integral,
+    unit_diagonal,
+    white_variance,
+)
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup, Positions
 from accelcal.data.orientation import (
@@ -112,15 +122,20 @@ __all__ = [
     "instant",
     "integrated",
     "low_passes",
+    "median_step",
     "normalise",
     "reference_among",
     "require_few_holes",
     "require_reference",
     "require_same_sensor",
     "require_usable",
+    "root_mean_square",
+    "running_integral",
+    "unit_diagonal",
     "unsupported",
     "usual_step",
     "usual_unit",
+    "white_variance",
 ]
 
 __dir__ = listing(globals())

@@ -74,6 +74,33 @@ def copied(values: Any) -> NDArray[Any]:
     return np.array(values)
 
 
+def median_step(t: Array) -> float:
+    """Median spacing of stamps (n,)."""
+    return float(np.median(np.diff(t)))
+
+
+def root_mean_square(y: Array) -> float:
+    """Root mean square of samples."""
+    return float(np.sqrt(np.mean(y**2)))
+
+
+def running_integral(y: Array, step: Array | float) -> Array:
+    """Integral of samples (n, ...) from the first to each, by trapezia; `step` from one to the next, (n - 1, ...)."""
+    return np.concatenate([np.zeros((1, *y.shape[1:])), np.cumsum(0.5 * step * (y[1:] + y[:-1]), axis=0)])
+
+
+def white_variance(y: Array) -> float:
+    """Variance of white noise in samples (n,), robustly, from third differences: of variance R they have 20 R."""
+    third = np.diff(y, 3)
+    return (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
+
+
+def unit_diagonal(A: Array) -> tuple[Array, Array]:
+    """Symmetric matrix (m, m) scaled to a unit diagonal, and the roots (m,) of its own; empty rows stay empty."""
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return A / np.outer(size, size), size
+
+
 def stretch_about(flags: Flags, at: int) -> tuple[int, int]:
     """First and last index of the unbroken stretch of flags (n,) that hold about `at`, where one holds.
 

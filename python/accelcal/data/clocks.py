@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import units
-from accelcal.data.arrays import Array, stretch_about
+from accelcal.data.arrays import Array, median_step, running_integral, stretch_about
 from accelcal.data.rates import MOST_SKEW, OPPOSITE, Rate, Search, search_rates
 from accelcal.data.recording import Channel, RecordingError
 
@@ -278,7 +278,7 @@ def align(
                 f"{name}: {channel.name} has {len(channel)} samples, expected at least {FEWEST} to align two loggers; "
                 "record longer"
             )
-    step = max(spacing(accel), spacing(position), *((c.t[-1] - c.t[0]) / MOST for c in (accel, position)))
+    step = max(median_step(accel.t), median_step(position.t), *((c.t[-1] - c.t[0]) / MOST for c in (accel, position)))
     x = _on_grid(position, step)
     second = np.zeros(len(x))
     second[1:-1] = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / step**2
@@ -330,18 +330,13 @@ def restamped(channel: Channel, instants: Callable[[Array], Array]) -> Channel:
     return replace(channel, t=instants(channel.t))
 
 
-def spacing(channel: Channel) -> float:
-    """Usual time from one sample to the next, s."""
-    return float(np.median(np.diff(channel.t)))
-
-
 def _on_grid(channel: Channel, step: float) -> Array:
     """Values at `channel.t[0]` + k `step`; averages of about one step where the channel is faster."""
     t, y = channel.t - channel.t[0], channel.y
     instants = np.arange(int(t[-1] / step) + 1) * step
-    if spacing(channel) > 0.75 * step:
+    if median_step(channel.t) > 0.75 * step:
         return np.asarray(np.interp(instants, t, y))
-    sums = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(t))])
+    sums = running_integral(y, np.diff(t))
     ends = np.clip(instants[:, None] + 0.5 * step * np.array([-1.0, 1.0]), 0.0, t[-1])
     low, high = np.interp(ends, t, sums).T
     width = ends[:, 1] - ends[:, 0]

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array, Unchanged
+from accelcal.data.arrays import Array, Unchanged, median_step, root_mean_square, running_integral
 from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
 
@@ -340,7 +340,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     t, rates = gyroscope
     within_reach = (t[0] <= reference[0]) & (reference[0] <= t[-1])
     stamps, attitude = reference[0][within_reach], reference[1][within_reach]
-    step, rotation = float(np.median(np.diff(stamps))), scipy.spatial.transform.Rotation  # loaded for this alone
+    step, rotation = median_step(stamps), scipy.spatial.transform.Rotation  # loaded for this alone
     span = min(len(stamps) - 1, max(1, round(SPAN / step)))
     h, bias, matrix, delay = np.diff(t)[:, None], np.zeros(3), np.eye(3), 0.0
     for _ in range(SOLUTIONS):
@@ -359,8 +359,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
         columns = [(rate_at[span:] - turn.inv().apply(rate_at[:-span])).ravel()]
         for rate in (*(rates - bias).T, np.ones(len(t))):
             for axis in np.eye(3):
-                sweep = strapdown.apply(rate[:, None] * axis)
-                total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * h * (sweep[1:] + sweep[:-1]), axis=0)])
+                total = running_integral(strapdown.apply(rate[:, None] * axis), h)
                 over = total[begins] + share * np.diff(total, axis=0)[begins]
                 columns.append(turned_by[span:].inv().apply(over[span:] - over[:-span]).ravel())
         usual = max(expected, TINY_TURN) / USUAL_GYROSCOPE
@@ -380,7 +379,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     between = np.diff(stamps)[np.clip(np.searchsorted(stamps, instants) - 1, 0, len(stamps) - 2)]
     density = white + walk * between**2 / 12.0  # held at both ends, a walk over T gains T^3/12 in the integral
     attitude = (rotation.from_rotvec(correction) * middle * strapdown)[covered]
-    disagreement = float(np.sqrt(np.mean(apart**2))) / max(expected, TINY_TURN)
+    disagreement = root_mean_square(apart) / max(expected, TINY_TURN)
     return Strapdown(instants[covered], attitude, bias, matrix, delay, density[covered], disagreement)
 
 
@@ -468,7 +467,7 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
         knots = max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS)))
         quick = without_ends(at, pull - smooth_spline(at, pull, knots)(at))
         pulled = scipy.interpolate.CubicSpline(at, quick).antiderivative(2)(at)
-        swept = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(rest))])
+        swept = running_integral(rate, np.diff(rest))
         slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
         path[rows] = forward * arm * angle[rows] + pulled + slipped
         gravity[rows] = pull - quick + g * along * np.sin(axle)
@@ -612,7 +611,7 @@ def leaps(t: Array, steps: Array) -> NDArray[np.intp]:
     t : (n,) s, rising; n at least 2. Steps across a hole are none.
     steps : (n - 1,) rad.
     """
-    size = np.where(within(t), np.abs(steps) / np.diff(t), 0.0) * float(np.median(np.diff(t)))
+    size = np.where(within(t), np.abs(steps) / np.diff(t), 0.0) * median_step(t)
     beside = np.pad(size, 2)
     noise = 12.0 * float(np.median(np.abs(np.diff(size, prepend=0.0))))
     count = 3.0 * float(np.min(size, where=size > 0.0, initial=np.inf)) if np.count_nonzero(size) > 2 else 0.0
@@ -715,7 +714,7 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     names = [name for name, several in columns.items() for _ in several]
     size = np.array([MOTIONS_THAT_TELL[name][0] for name in names])
     X = np.column_stack([column for several in columns.values() for column in several]) * size
-    white = 0.5 * (density or USUAL_DENSITY) ** 2 / float(np.median(np.diff(t)))
+    white = 0.5 * (density or USUAL_DENSITY) ** 2 / median_step(t)
     std = size * np.sqrt(np.diag(np.linalg.inv(X.T @ X / white + FAINT * np.eye(len(size)))))
     listed = []
     for name, (usual, unit, remedy) in MOTIONS_THAT_TELL.items():
@@ -838,6 +837,6 @@ def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     turns = []
     for name, direction in zip(TURNED, perpendicular(axis), strict=True):
         rate = rates @ direction
-        angle = np.concatenate([[0.0], np.cumsum(0.5 * h * (rate[1:] + rate[:-1]))])
+        angle = running_integral(rate, h)
         turns.append(Channel(name, t, angle, "rad"))
     return turns[0], turns[1]

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.values import amount_of, listing
 from accelcal.data import units
-from accelcal.data.arrays import Array, Flags
+from accelcal.data.arrays import Array, Flags, median_step
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
 from accelcal.data.orientation import (
     ACROSS,
@@ -249,7 +249,7 @@ def require_pace(file: str, name: str, t: Array) -> None:
             f"{file}: {name}: two stamps at t = {instant(t[i])} s are {closest:.3g} s apart, expected at least "
             f"{CLOSEST:g} s. Delete one of the two samples."
         )
-    if len(t) > 1 and (usual := float(np.median(np.diff(t)))) < SHORTEST:
+    if len(t) > 1 and (usual := median_step(t)) < SHORTEST:
         raise RecordingError(
             f"{file}: {name}: the usual interval between two stamps is {usual:.3g} s, expected at least "
             f"{SHORTEST:g} s. Check the unit of the time column."
@@ -361,7 +361,7 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     number = np.floor((np.arange(len(y)) - np.repeat(starts, lengths)) / pace + 1e-9)
     changed = (np.diff(number, prepend=-1.0) != 0.0) & (number < np.repeat(sampled, lengths))
     changed[starts] = True
-    tick = float(np.median(np.diff(t)))
+    tick = median_step(t)
     changed &= np.diff(t, prepend=-np.inf) < 1.5 * tick  # behind a gap nobody knows since when the value is held
     dropped = int(np.count_nonzero(~changed))
     first = float(t[np.argmin(changed)])
@@ -824,7 +824,7 @@ def _still_output(output: Channel, begins: Array) -> Flags:
 
 def _edges(t: Array) -> NDArray[np.intp]:
     """Return the index at which each judged span begins; spans without samples do not appear."""
-    span = max(STILL_SPAN, 20 * float(np.median(np.diff(t))))
+    span = max(STILL_SPAN, 20 * median_step(t))
     step = float(t[0] + span) - float(t[0])
     if step <= 0.0:  # stamps so large that a span is lost beside them
         return np.array([0])

@@ -24,7 +24,9 @@ from accelcal.data import (
     Recording,
     Rig,
     instant,
+    median_step,
     usual_step,
+    white_variance,
 )
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.findings import FILTER_KEYS
@@ -199,7 +201,7 @@ class SlowResidual:
         if rms <= limit:
             return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
         t, residual = residual_at
-        drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
+        drifting = low_pass(residual, 1.0 / median_step(t), DRIFT_BAND)
         faster, length = excess((t, residual - drifting), highest, floor), float(np.ptp(recording.accel.t))
         apart = disturbed(residual_at, highest, floor, limit, length)
         return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
@@ -257,7 +259,7 @@ def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> fl
     t, residual = residual_at
     if len(t) < 16:
         return 0.0
-    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
+    step, band = median_step(t), min(TURNING_BAND, highest)
     if len(t) * step * band < TURNING_LEAST_PERIODS:
         return 0.0
     length = scipy.fft.next_fast_len(len(residual), real=True)  # a prime length would cost 18 arrays
@@ -279,7 +281,7 @@ def disturbed(
     length : of the record, s; a residual lacks its ends.
     """
     t, residual = residual_at
-    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
+    step, band = median_step(t), min(TURNING_BAND, highest)
     slow = low_pass(residual, 1.0 / step, band)
     slow = np.abs(slow - np.median(slow))
     usual = math.hypot(limit, DATA_SHEET_NOISE_RATIO * floor * math.sqrt(band))
@@ -301,9 +303,7 @@ def disturbed(
 
 def output_noise(rig: Rig, t: Array, y: Array) -> float:
     """One-sided white density of the output, (m/s²)/sqrt(Hz): declared, or from third differences if they show more."""
-    third = np.diff(y, 3)
-    variance = (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
-    return max(math.sqrt(2.0 * variance * float(np.median(np.diff(t)))), rig.sensor.noise or 0.0)
+    return max(math.sqrt(2.0 * white_variance(y) * median_step(t)), rig.sensor.noise or 0.0)
 
 
 def tilt(rms: float, rig: Rig) -> float:
@@ -387,7 +387,7 @@ def transverse_coherence(e: Evidence) -> Iterator[Remark]:
 
 def highest(t: Array, band: float) -> float:
     """Highest frequency at which a channel is compared, Hz."""
-    return min(band, FASTEST / float(np.median(np.diff(t))))
+    return min(band, FASTEST / median_step(t))
 
 
 def coherent_bands(
@@ -397,7 +397,7 @@ def coherent_bands(
     segment = 2 * len(t) // (AVERAGED_SEGMENTS + 1)
     if segment < 64 or np.ptp(side) == 0.0:
         return
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / median_step(t)
     f, _, r = scipy.signal.stft(residual - np.mean(residual), rate, nperseg=segment, boundary=None, padded=False)
     x, m = (scipy.signal.stft(y - np.mean(y), rate, nperseg=segment, boundary=None, padded=False)[2] for y in (side, a))
     lowest = 2.0 * float(f[1])

@@ -30,6 +30,7 @@ from accelcal.data import (
     integrated,
     require_reference,
     require_usable,
+    running_integral,
     usual_step,
 )
 from accelcal.data.recording import LeftOut, WrongKind
@@ -205,7 +206,7 @@ def denied(recording: Recording) -> Stretches:
         if len(x) < FEWEST:
             continue
         for _ in range(order):
-            moved = np.concatenate([[0.0], np.cumsum(0.5 * (moved[1:] + moved[:-1]) * np.diff(t))])
+            moved = running_integral(moved, np.diff(t))
         powers = np.vander((x - x[0]) / (x[-1] - x[0]), order + 3)
         both = np.column_stack([np.interp(x, t, moved), read])
         claimed, shown = (both - powers @ np.linalg.lstsq(powers, both)[0]).T
@@ -317,7 +318,7 @@ def stuck_positions(run: PreparedRun) -> Stretches:
     count = float(np.min(steps[steps > 0.0], initial=np.ptp(z)))  # whatever resolution is declared
     noise = math.sqrt(run.reading_variance_guess) + max(run.least_step, count)
     force = run.rig.polarity * (accel.y - np.mean(accel.y))
-    speed = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(accel.t))])
+    speed = running_integral(force, np.diff(accel.t))
     usual = float(np.std(force))
     stretches = []
     for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):

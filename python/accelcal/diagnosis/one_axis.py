@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-from accelcal.data import Array, Flags, Recording, RecordingError, in_usual_unit, require_few_holes, usual_step
+from accelcal.data import (
+    Array,
+    Flags,
+    Recording,
+    RecordingError,
+    in_usual_unit,
+    require_few_holes,
+    root_mean_square,
+    usual_step,
+)
 from accelcal.diagnosis.faults import BANDS_PER_DECADE, RelationColumns, unexplained
 from accelcal.diagnosis.policy import (
     COHERENCE_ALPHA,
@@ -29,7 +38,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.plausible import other_column
-from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
+from accelcal.estimation.run import PreparedRun, Source, inside, prepared, recording_of
 from accelcal.signals.processing import LONG_TRANSFORM, forget_plans, low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
 from accelcal.validation.evaluation import AVERAGED_SEGMENTS
@@ -67,7 +76,7 @@ def departure(run: PreparedRun) -> float:
     """Root mean square departure of the readings from constant acceleration, m: what bias cannot be told from."""
     x = run.t - run.t[0]
     fitted = np.polynomial.Polynomial.fit(x, run.z, 2)
-    return float(np.sqrt(np.mean((run.z - fitted(x)) ** 2)))
+    return root_mean_square(run.z - fitted(x))
 
 
 def explained(run: PreparedRun) -> bool:
@@ -267,8 +276,7 @@ class Pair:
     def of(cls, recording: Recording, start: float | None, end: float | None) -> Pair | None:
         """Both channels at the rate of the slower one; None where they are too short."""
         accel, position = recording.accel, recording.position
-        first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
-        last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
+        _, (first, last) = inside(recording, start, end)
         periods = usual_step(accel.t), usual_step(position.t)
         step = max(periods)
         require_few_holes(recording, last - first, min(periods))
@@ -276,7 +284,7 @@ class Pair:
         segment = max(count // AVERAGED_SEGMENTS, SHORTEST)
         if count < 4 * segment:
             return None
-        at = first + step * np.arange(count)
+        at = first + step * np.arange(count, dtype=np.float64)
         both = [
             evenly(channel.t, channel.y, period, at, step)
             for channel, period in zip((accel, position), periods, strict=True)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.values import immutable
-from accelcal.data import GRAVITY, Array, Dwells, Mount, Rig
+from accelcal.data import GRAVITY, Array, Dwells, Mount, Rig, unit_diagonal
 from accelcal.data.rig import Axis
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.search.homogeneity import different
@@ -285,8 +285,7 @@ def added(fisher: Array, gram: Array, model: Model, layout: Layout, extra: Seque
     free, first = layout.terms, layout.rows(0)
     per_run = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
     shared = [k for k in range(len(gram)) if k not in per_run]
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    G = gram / np.outer(size, size)
+    G, size = unit_diagonal(gram)
     left = (
         G[np.ix_(shared, shared)]
         - G[np.ix_(shared, per_run)]
@@ -303,8 +302,8 @@ def added(fisher: Array, gram: Array, model: Model, layout: Layout, extra: Seque
 
 def deviations(information: Array, count: int) -> list[float]:
     """Standard deviations of the last coefficients, infinite where nothing tells them from the others."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
+    scaled, size = unit_diagonal(information)
+    weights, vectors = scipy.linalg.eigh(scaled)
     blind = weights < SEEN_APART
     sigmas = []
     for k in range(len(size) - count, len(size)):

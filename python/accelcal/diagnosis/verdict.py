@@ -11,7 +11,7 @@ import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.process import within
+from accelcal._support.process import parts_of
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
 from accelcal.data import LEVERS, Recording
@@ -550,8 +550,7 @@ def diagnose_axes(
             "recordings of one output alone"
         )
     judged = []
-    for number, axis in enumerate(axes):
-        share = within(progress, number / len(axes), (number + 1) / len(axes))
+    for axis, share in zip(axes, parts_of(progress, len(axes)), strict=True):
         runs = [recording for recording in recordings if recording.axis == axis]
         judged.append(diagnose(fit.of_axis(axis), runs, alpha=alpha / len(axes), progress=share, **settings))
     return AxesDiagnosis(axes, tuple(judged))

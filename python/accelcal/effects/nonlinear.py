@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data import Array
+from accelcal.data import Array, root_mean_square
 from accelcal.effects.building_blocks import play
 from accelcal.effects.mechanisms import product
 from accelcal.effects.registry import Shape, SizePrior, Static, Traits, effect, enter
@@ -78,7 +78,7 @@ enter(
 
 
 def _thresholds(s: Signals) -> tuple[float, float]:
-    rms = float(np.sqrt(np.mean((s.a - s.rest) ** 2)))
+    rms = root_mean_square(s.a - s.rest)
     return s.a_width, max(2.0 * s.a_width, 0.3 * rms)
 
 
@@ -135,7 +135,7 @@ def saturation(s: Signals, level: float) -> Array:
 
 
 def _slacks(s: Signals) -> tuple[float, float]:
-    rms = max(float(np.sqrt(np.mean((s.a - s.rest) ** 2))), TINY)
+    rms = max(root_mean_square(s.a - s.rest), TINY)
     return 0.1 * rms, 2.0 * rms
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from accelcal._support.arguments import checked
 from accelcal._support.result import Result, Storable
 from accelcal._support.values import immutable
-from accelcal.data import MICRO_G, Array, Channel, Flags, Recording, RecordingError, instant
+from accelcal.data import MICRO_G, Array, Channel, Flags, Recording, RecordingError, instant, median_step
 from accelcal.io.dwells import TRIAD
 
 TERMS = ("noise", "bias_instability", "random_walk")
@@ -255,7 +255,7 @@ def require_rest(recording: Recording, channel: Channel) -> None:
                 f"{recording.name or 'recording'}: {finding.text.partition('. Every fit')[0]}; expected noise. Check "
                 "supply, wiring, range and column, and record at rest anew"
             )
-    step, cut = float(np.median(np.diff(t))), f"accelcal cut {recording.origin.given or 'RUN'}"
+    step, cut = median_step(t), f"accelcal cut {recording.origin.given or 'RUN'}"
     pauses = np.flatnonzero(np.diff(t) > 1.5 * step)
     if len(pauses):
         edges = np.concatenate([[-1], pauses, [len(t) - 1]])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Channel, Flags
+from accelcal.data import Array, Channel, Flags, running_integral, white_variance
 
 MIN_READINGS = 16
 """A record has at least this many encoder readings."""
@@ -82,7 +82,7 @@ def _seen(t: Array, z: Array, jumps: NDArray[np.intp], output: Channel, constant
     if len(at) < AROUND:
         return False
     step = np.diff(at)
-    velocity = np.concatenate([[0.0], np.cumsum(0.5 * step * (u[1:] + u[:-1]))])
+    velocity = running_integral(u, step)
     position = np.concatenate([[0.0], np.cumsum(step * (velocity[:-1] + step * (2.0 * u[:-1] + u[1:]) / 6.0))])
     x = (t - t[0]) / (t[-1] - t[0])
     line = np.column_stack([np.ones_like(x), x])
@@ -159,8 +159,6 @@ def readings_apart(output: Array, accel_step: float, declared: float | None, rea
     declared : one-sided noise density, (m/s²)/sqrt(Hz); the larger of the two counts, since a low-pass hides noise.
     step : one count, m.
     """
-    third = np.diff(output, 3)
-    spread = float(np.median(np.abs(third - np.median(third)))) / 0.6745
-    q = max(spread**2 / 20.0 * accel_step, 0.5 * (declared or 0.0) ** 2, 1e-300)
+    q = max(white_variance(output) * accel_step, 0.5 * (declared or 0.0) ** 2, 1e-300)
     memory = (step**2 / 12.0 * reading_step / q) ** 0.25
     return max(1, math.ceil(min(MEMORIES * float(memory) / reading_step, 1e9)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array
+from accelcal.data import Array, unit_diagonal
 from accelcal.estimation.engines import ENGINES, Rows
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term
@@ -73,8 +73,8 @@ def effective_number(squares: Array) -> Array:
 
 def inverse(information: Array) -> Array:
     """Pseudo-inverse of an information matrix (m, m), scaled to a unit diagonal."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
+    scaled, size = unit_diagonal(information)
+    return np.asarray(np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size))
 
 
 def information(state: RunState, term: Term) -> float:

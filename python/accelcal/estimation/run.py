@@ -32,7 +32,7 @@ from accelcal.data import (
     require_usable,
     usual_step,
 )
-from accelcal.data.arrays import Answer, Unchanged
+from accelcal.data.arrays import Answer, Unchanged, median_step, white_variance
 from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import reading_step, require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
@@ -89,7 +89,7 @@ class AxisGravity:
     def _covering(self, t: Array) -> Channel:
         """The channel behind the filters of both channels, held beyond its ends where the times reach farther."""
         assert self.channel is not None
-        channel, step = self.channel, float(np.median(np.diff(self.channel.t)))
+        channel, step = self.channel, median_step(self.channel.t)
         if self.filters.acts:
             at, y = uniform(channel.t, channel.y, step)
             channel = Channel(channel.name, at, self.filters.behind(y, step), channel.unit)
@@ -197,7 +197,7 @@ class Unpredicted:
         reading = math.hypot(reading, resolution / math.sqrt(12.0))
         if reading <= 0.0 or sample <= 0.0:  # nothing to compare
             return cls(sample, reading, 0.0)
-        between = float(np.median(np.diff(t)))
+        between = median_step(t)
         return cls(sample, reading, (sample**2 * step**5 / (reading**2 * between)) ** 0.25 / (2.0 * np.pi))
 
 
@@ -408,8 +408,7 @@ class RunSamples:
     @cached_property
     def third_difference_variance(self) -> float:
         """Variance of the readings from their third differences, m²: a bound, since motion adds to it."""
-        third = np.diff(self.z, 3)  # white noise of variance R gives 20 R
-        return (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
+        return white_variance(self.z)
 
     @property
     def reading_variance_guess(self) -> float:
@@ -500,7 +499,7 @@ class PreparedRun(RunSamples):
         if every == 1:
             return self
         t, z = np.ascontiguousarray(self.t[::every]), np.ascontiguousarray(self.z[::every])
-        step, starts = float(np.median(np.diff(t))), tuple(time for time in self.restarts if time <= t[-1])
+        step, starts = median_step(t), tuple(time for time in self.restarts if time <= t[-1])
         return replace(self, t=t, z=z, reading_step=step, restarts=starts, every=every, read=(self.t, self.z))
 
 
@@ -580,9 +579,9 @@ def prepare(
         )
     for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
         require_pace(recording.name or "recording", name, stamps)
-    step = float(np.median(np.diff(accel.t[:4096])))
+    step = median_step(accel.t[:4096])
     require_few_holes(recording, last - first, step)
-    filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / float(np.median(np.diff(t))))
+    filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / median_step(t))
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = accel  # a channel copies its samples
@@ -599,7 +598,7 @@ def prepare(
         z=z,
         accel=part,
         accel_step=period,
-        reading_step=float(np.median(np.diff(t))),
+        reading_step=median_step(t),
         left_out=left_out,
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
         unpredicted=unpredicted,
@@ -626,7 +625,7 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     t, z = distinct_readings(run.t, run.z, apart)
     if t is run.t or len(t) < MIN_READINGS:
         return run
-    step = float(np.median(np.diff(t)))
+    step = median_step(t)
     return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None, before=run)
 
 
@@ -635,7 +634,7 @@ def reading_stride(t: Array, accel: Channel, step: float, unpredicted: Unpredict
     fewer, the faster the motion; samples of the output come every `step`, s."""
     if unpredicted.crossover < too_good:
         return 1
-    between, sample = float(np.median(np.diff(t))), unpredicted.sample
+    between, sample = median_step(t), unpredicted.sample
     apart = min(max(0.5 / (motion_bound(accel.y, sample) + 1e-12), SAMPLES_BETWEEN[0]), SAMPLES_BETWEEN[1])
     wanted = math.ceil(apart * step / between)
     return 1 if len(t) // wanted < MIN_READINGS else max(1, wanted)

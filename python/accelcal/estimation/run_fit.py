@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels
+from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels, unit_diagonal
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.gauss_newton import Solution, layout_of
@@ -235,8 +235,8 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     joined = np.delete(np.eye(len(score)), rows_of_run[1:], axis=0)
     joined[rows_of_run[0], rows_of_run] = 1.0
     information, score = joined @ information @ joined.T, joined @ score
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
+    scaled, size = unit_diagonal(information)
+    weights, vectors = scipy.linalg.eigh(scaled)
     if weights[0] < SEEN_APART or rest.p_value < REMARK_ALPHA:
         return None
     covariance = (vectors / weights) @ vectors.T / np.outer(size, size)

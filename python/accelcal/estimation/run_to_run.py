@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Recording
-from accelcal.data.arrays import VANISHING
+from accelcal.data.arrays import VANISHING, unit_diagonal
 
 REMARK_ALPHA = 0.01
 """Probability under the null below which a fit remarks on something, over all that is tried: values that differ from
@@ -87,8 +87,8 @@ class BetweenRuns:
     def of(cls, information: Array, right: Array, rows: Sequence[int]) -> BetweenRuns:
         """From normal equations A x = `right`, (m, m) and (m,), in which `rows` are the coefficient in each run."""
         columns_own, rest = list(rows), [i for i in range(len(right)) if i not in set(rows)]
-        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        A, b = information / np.outer(size, size), right / size
+        A, size = unit_diagonal(information)
+        b = right / size
         eliminated = A[np.ix_(columns_own, rest)] @ np.linalg.pinv(A[np.ix_(rest, rest)], rcond=1e-12, hermitian=True)
         S = A[np.ix_(columns_own, columns_own)] - eliminated @ A[np.ix_(rest, columns_own)]
         g = b[columns_own] - eliminated @ b[rest]

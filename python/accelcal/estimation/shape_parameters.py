@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array
+from accelcal.data import Array, unit_diagonal
 from accelcal.effects import Effect, find, has_time_constant
 from accelcal.effects.drift import in_time
 from accelcal.effects.mechanisms import driver_of, memory
@@ -274,10 +274,9 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
 
 def inverse(information: Array) -> Array:
     """Inverse of a symmetric matrix whose rows have units of their own; empty or collinear rows add nothing."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scale = np.outer(size, size)
+    scaled, size = unit_diagonal(information)
     rcond = 1e-10 / max(len(size), 1)  # of the largest: what the iteration takes for determined stays
-    return np.asarray(np.linalg.pinv(information / scale, rcond=rcond, hermitian=True) / scale)
+    return np.asarray(np.linalg.pinv(scaled, rcond=rcond, hermitian=True) / np.outer(size, size))
 
 
 def on_bounds(solution: Solution) -> list[str]:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags
+from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags, root_mean_square
 from accelcal.data.orientation import HOLE
 from accelcal.effects import is_local
 from accelcal.estimation.drive import DriveIntegrals
@@ -376,7 +376,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     signals, moved, share = corrected(corrected(None)), math.inf, 1.0
     for _ in range(MOST_CORRECTIONS):
         before, signals = signals, corrected(signals)
-        step = float(np.sqrt(np.mean((signals.a - before.a) ** 2)))
+        step = root_mean_square(signals.a - before.a)
         if step < CORRECTION_LEFT * float(np.std(signals.a)):
             break
         share = share if step < moved else 0.5 * share

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data import Array, Positions, RecordingError
+from accelcal.data import Array, Positions, RecordingError, root_mean_square
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.plausible import plausible
@@ -82,7 +82,7 @@ class TriadFit(Storable):
     @property
     def rms(self) -> float:
         """Root mean square of the residual, m/s²."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        return root_mean_square(self.residual)
 
     @property
     def values(self) -> dict[str, float]:

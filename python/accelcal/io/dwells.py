@@ -24,6 +24,7 @@ from accelcal.data import (
     Recording,
     RecordingError,
     Rig,
+    median_step,
     reference_among,
     units,
 )
@@ -73,7 +74,7 @@ def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = 3.0) 
     twentieth of all windows, in every channel, its middle is at rest. Slow motion moves the mean within a window and
     is none.
     """
-    half = max(FEWEST, int(WINDOW / float(np.median(np.diff(t))))) // 2 if len(t) > FEWEST else FEWEST
+    half = max(FEWEST, int(WINDOW / median_step(t))) // 2 if len(t) > FEWEST else FEWEST
     if len(t) <= 2 * half:
         return []
     quiet = np.ones(len(t) - 2 * half, dtype=np.bool_)

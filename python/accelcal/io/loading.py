@@ -45,7 +45,7 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.arrays import Unchanged
+from accelcal.data.arrays import Unchanged, median_step, root_mean_square
 from accelcal.data.clocks import FEWEST, NEAR, THE_OUTPUT, Alignment, lost_rows, relation, restamped
 from accelcal.data.orientation import (
     FASTEST_TURN,
@@ -204,7 +204,7 @@ def _of_attitude(
         )
         sense = "sensor to ENU"
     else:
-        noise = float(noise) ** 2 * float(np.median(np.diff(stamps)))
+        noise = float(noise) ** 2 * median_step(stamps)
     t, r = together(place)
     near = np.pad(within(stamps), 1)[np.searchsorted(stamps, t)] | np.isin(t, stamps)
     if int(np.sum(near)) < 2:
@@ -341,7 +341,7 @@ def _turning_of(q: Array, axis: Array) -> tuple[float, float]:
     e = rotated(q, axis, "sensor to ENU")
     mean = np.mean(e, axis=0)
     angle = np.degrees(np.arccos(np.clip(e @ (mean / np.linalg.norm(mean)), -1.0, 1.0)))
-    return float(np.sqrt(np.mean(angle**2))), float(np.max(angle))
+    return root_mean_square(angle), float(np.max(angle))
 
 
 def _require_unit_length(file: str, t: Array, q: Array, columns: Mapping[str, str]) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal.data import ANGLE, OUTPUTS, PLACE, QUATERNION, VELOCITY, RecordingError, units
+from accelcal.data import ANGLE, OUTPUTS, PLACE, QUATERNION, VELOCITY, RecordingError, median_step, units
 from accelcal.io import naming
 from accelcal.io.assign import (
     candidates,
@@ -306,6 +306,6 @@ def _clock_note(table: Table, column: str, unit: str | None) -> str:
     if unit is None or units.conversion(unit).si != "s":
         return f"{len(t)} rows from {t[0]:g} to {t[-1]:g}, median step {np.median(np.diff(t)):.4g}"
     t = units.conversion(unit, "time").apply(t)
-    step = float(np.median(np.diff(t)))
+    step = median_step(t)
     rate = f" ({1.0 / step:.6g} Hz)" if step > 0 else ""
     return f"{len(t)} rows from {t[0]:g} s to {t[-1]:g} s, median step {step:.4g} s{rate}"

@@ -12,7 +12,8 @@ from typing import Any, Literal
 import numpy as np
 
 from accelcal.data import GRAVITY, QUATERNION, Array, Channel, Finding, Recording, RecordingError, Rig, Sensor
-from accelcal.data.clocks import Alignment, align, restamped, spacing
+from accelcal.data.arrays import median_step
+from accelcal.data.clocks import Alignment, align, restamped
 from accelcal.data.rates import Rate, Search
 from accelcal.data.rig import Uncertainty
 from accelcal.io import naming
@@ -240,7 +241,7 @@ def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: It
 def _offset_left(rig: Rig, alignment: Alignment, channels: Iterable[Channel]) -> float:
     """Largest offset that an alignment leaves, s, at least what is declared."""
     drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
-    return float(f"{max(rig.offset_tolerance, drifted, *map(spacing, channels)):.6g}")
+    return float(f"{max(rig.offset_tolerance, drifted, *(median_step(channel.t) for channel in channels)):.6g}")
 
 
 def _uncertainty_of(rig: Rig, alignment: Alignment) -> Uncertainty:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
-from accelcal._support.process import one_thread, within
+from accelcal._support.process import one_thread, parts_of, within
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, RecordingError, describe
 from accelcal.diagnosis.experiment.detectability import Power
@@ -125,11 +125,11 @@ def gather(
             run,
             several[k] if several else None,
             diagnosis[run.axis] if len(axes) > 1 else diagnosis,
-            within(progress, begun + (1.0 - begun) * k / len(axes), begun + (1.0 - begun) * (k + 1) / len(axes)),
+            part,
             extra=extra,
             command=command,
         )
-        for k, run in enumerate(recordings)
+        for k, (run, part) in enumerate(zip(recordings, parts_of(progress, len(axes), begun), strict=True))
     ]
     if len(contents) == 1:
         return contents[0]

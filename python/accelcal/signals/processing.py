@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data import DERIVED, Array, Channel, ChannelFilter
+from accelcal.data import DERIVED, Array, Channel, ChannelFilter, median_step
 from accelcal.signals.series import lagrange_weights
 
 Section = tuple[float, float, float]
@@ -267,7 +267,7 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
     if len(t) < 4:
         return np.array([np.interp(at, t, row) for row in rows]).reshape(*y.shape[:-1], len(at))
     values = np.empty((len(rows), len(at)))
-    most = 3.0 * EVEN * float(np.median(np.diff(t[:4096])))
+    most = 3.0 * EVEN * median_step(t[:4096])
     for begin in range(0, len(at), CUBIC_STRETCH):
         times = at[begin : begin + CUBIC_STRETCH]
         first = np.searchsorted(t, times, side="right") - 2
@@ -435,12 +435,6 @@ def modes(filters: Sequence[ChannelFilter], rate: float) -> list[complex]:
             poles = np.roots(stage.a) if stage.cutoff is None else prototype(stage, omega)[1]
             modal += [complex(np.log(complex(p)) * omega) for p in poles if abs(p) > 0.0]
     return modal
-
-
-def group_delay(filters: Sequence[ChannelFilter], rate: float) -> float:
-    """Delay of slow motion behind the filters, s."""
-    f = 1e-6 * rate
-    return float(-np.angle(response(filters, rate)(np.array([f]))[0]) / (2.0 * math.pi * f)) if filters else 0.0
 
 
 def applied(y: Array, step: float, gain: Response, settle: float, before: float | None = None) -> Array:

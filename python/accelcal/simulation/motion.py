@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
-from accelcal.data import STANDARD_GRAVITY, Array
+from accelcal.data import STANDARD_GRAVITY, Array, root_mean_square
 
 Numbers = NDArray[np.inexact]
 """Real or complex."""
@@ -248,7 +248,7 @@ class Motion:
     @property
     def acceleration_rms(self) -> float:
         """Root mean square of the acceleration over the planned length, m/s²."""
-        return float(np.sqrt(np.mean(self.acceleration(self._grid()) ** 2)))
+        return root_mean_square(self.acceleration(self._grid()))
 
     @property
     def top_speed(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from accelcal._support.arguments import checked
 from accelcal._support.result import NotStored, Result
 from accelcal._support.values import face, immutable
-from accelcal.data import Array, Recording, Rig, instant, quality
+from accelcal.data import Array, Recording, Rig, instant, median_step, quality
 from accelcal.estimation.noise import REMARKED_BEYOND, NoiseScore
 from accelcal.estimation.values import Noise
 from accelcal.signals.signals import Signals
@@ -98,7 +98,7 @@ def density_at_rest(recording: Recording, until: float | None = None) -> tuple[f
     record rests too briefly.
     """
     accel = recording.accel
-    rate = 1.0 / float(np.median(np.diff(accel.t)))
+    rate = 1.0 / median_step(accel.t)
     lowest, highest = _band(recording.rig, rate)
     frequencies, powers, rested = [], [], 0.0
     for begin, end in quality.rest(recording, by_output=False):

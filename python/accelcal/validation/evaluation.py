@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags
+from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags, median_step, root_mean_square
 from accelcal.estimation.columns import evaluated
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.engines import ENGINES, sums_of
@@ -43,7 +43,7 @@ from accelcal.validation.regions import outside
 def spectrum(evaluation: Evaluation, scale: float, expected: Callable[[Array], Array]) -> Bins:
     """Density of the residual over the expected one, of an output of scale 1, in bins of frequency up to the band."""
     (t, residual), band = evaluation.accel_residual, evaluation.band
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / median_step(t)
     segment = int(min(len(residual), max(64, 2 ** round(math.log2(8.0 * BINS * rate / band)))))
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
@@ -78,7 +78,7 @@ def accel_spectrum(fit: Fit, comparison: Evaluation) -> Spectrum | None:
     if comparison.reference_noise is None:
         return None
     _t, residual = comparison.accel_residual
-    step = float(np.median(np.diff(comparison.residual[0])))
+    step = median_step(comparison.residual[0])
     spectrum = welch(residual, 1.0 / step)
     if spectrum is None:
         return None
@@ -94,7 +94,7 @@ def accel_spectrum(fit: Fit, comparison: Evaluation) -> Spectrum | None:
 def one_step_spectrum(comparison: Evaluation) -> Spectrum | None:
     """Spectrum of one-step residuals over their predicted deviation, which is flat when nothing is missing, 1/Hz."""
     t, y = comparison.normalised
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / median_step(t)
     spectrum = welch(y, rate)
     if spectrum is None:
         return None
@@ -192,7 +192,7 @@ def compare(
         **accelerations,
         simulated=simulated[:3],
         simulated_std=simulated[3],
-        simulated_rms=float(np.sqrt(np.mean((simulated[1] - simulated[2]) ** 2))),
+        simulated_rms=root_mean_square(simulated[1] - simulated[2]),
         residual=(run.t[asked], e[asked]),
         residual_std=np.sqrt(S[asked]),
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
@@ -240,7 +240,7 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     enough = len(residual) * run.reading_step * band >= LEAST_PERIODS
     state = ahead.settled if enough else None
     fields = {
-        "accel_rms": float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
+        "accel_rms": root_mean_square(residual) if len(residual) else math.nan,
         "band": band,
         "accel_residual": (t, residual),
         "measured": output_at(run, ahead.values.stamps(t, run.origins.t), band, run.tau(ahead.values)),

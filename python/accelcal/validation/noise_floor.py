@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import VELOCITY, Array
+from accelcal.data import VELOCITY, Array, root_mean_square
 from accelcal.effects import find, is_local
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
@@ -145,7 +145,7 @@ def _spread(errors: Sequence[float]) -> RmsInterval:
     n = len(errors)
     reach = scipy.special.stdtrit(n - 1, 0.975) * math.sqrt(1.0 + 1.0 / n) * float(np.std(logarithms, ddof=1))
     middle = float(np.mean(logarithms))
-    value = float(np.sqrt(np.mean(np.square(errors))))
+    value = root_mean_square(np.array(errors))
     return RmsInterval(value, math.exp(middle - reach), math.exp(middle + reach))
 
 
@@ -170,7 +170,7 @@ class _NoisyRecord:
         constant = np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=information > 0.0)
         reached = self.ahead.unit_p[k] + h * self.ahead.unit_v[k] + h**2 / 2.0
         error = self.z[end] - self.p[k] - h * self.v[k] - constant * reached
-        return float(np.sqrt(np.mean(error**2)))
+        return root_mean_square(error)
 
     def simulated(self) -> float:
         """Rms error of the simulation from the first settled reading, m."""
@@ -179,7 +179,7 @@ class _NoisyRecord:
         rows = rows[rows > k]
         h = self.ahead.run.t[rows] - self.ahead.run.t[k]
         error = self.z[rows] - self.p[k] - h * self.v[k]
-        return float(np.sqrt(np.mean(error**2))) if len(rows) else math.nan
+        return root_mean_square(error) if len(rows) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +258,7 @@ def error_budgets(
         draws = np.random.default_rng(SEED).standard_normal((DRAWN_PARAMETERS, len(moves)))
         low, high = np.quantile(np.sqrt(np.mean((draws @ moves) ** 2, axis=1)), [0.025, 0.975])
         parameters = RmsInterval(float(np.sqrt(np.sum(moves**2) / moves.shape[1])), float(low), float(high))
-        missing = float(np.sqrt(np.mean((followed - whole) ** 2)))
+        missing = root_mean_square(followed - whole)
         floor, scale = evaluation.noise_floor, abs(fit.values().scale)
         spread = None if floor is None else floor.at(horizon)
         if floor is None or spread is None:

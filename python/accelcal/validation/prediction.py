@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags, Recording
+from accelcal.data import Array, Flags, Recording, median_step, root_mean_square
 from accelcal.effects import begins_rested, find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels, settled_state
@@ -134,7 +134,7 @@ class Coasting:
 
 def rms(y: Array) -> float | None:
     """Root mean square; None of nothing."""
-    return float(np.sqrt(np.mean(y**2))) if len(y) else None
+    return root_mean_square(y) if len(y) else None
 
 
 def within(limit: float, y: Array) -> Array:
@@ -408,7 +408,7 @@ class Prediction(DrivenRun):
     @property
     def one_step_rms(self) -> float:
         """Rms error of the prediction of the next reading, m."""
-        return float(np.sqrt(np.mean(self.e[self.steps] ** 2)))
+        return root_mean_square(self.e[self.steps])
 
     def k_step(self, k: int) -> float | None:
         """Rms error of the prediction `k` readings ahead, m; None when the record is too short."""
@@ -445,7 +445,7 @@ def noise_on(fit: Fit, run: PreparedRun) -> Noise:
     noise = fit.noise()
     if run.order:
         return noise
-    density = fit.runs[0].noise.all.reading ** 2 * float(np.median(np.diff(run.reference_readings[0])))
+    density = fit.runs[0].noise.all.reading ** 2 * median_step(run.reference_readings[0])
     return replace(noise, r=density / (2.0 * math.pi * run.confirmed) ** 4 / run.reading_step)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Recording
+from accelcal.data import Array, Recording, median_step
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import Source, recording_of
@@ -135,7 +135,7 @@ class Grid:
         assert evaluation.motion is not None
         step, band, (t, _) = evaluation.motion.step, evaluation.band, evaluation.accel_residual
         place = (t - fit.origins.t - evaluation.motion.t[0]) / step
-        apart = float(np.median(np.diff(place)))
+        apart = median_step(place)
         every = max(1, int(1.0 / (PER_PERIOD * band * step)))
         used = np.abs(place / every - np.rint(place / every)) < 0.25 * apart / every
         for hole in np.flatnonzero(np.diff(place) > 1.5 * apart):

@@ -18,7 +18,7 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread
 from accelcal._support.result import NotStored, Result
-from accelcal.data import Array, Rig
+from accelcal.data import Array, Rig, unit_diagonal
 from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of
 from accelcal.diagnosis.experiment.power_analysis import (
     ACCEL_RATE,
@@ -427,9 +427,7 @@ def correlations(evidence: CandidateScores) -> Array:
     mix = np.zeros((len(evidence.c), len(evidence.items)))
     for i in range(len(evidence.items)):
         mix[evidence.columns[i], i] = most_visible_direction(evidence, i)
-    A = mix.T @ evidence.G @ mix
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    return np.asarray(A / np.outer(size, size))
+    return unit_diagonal(mix.T @ evidence.G @ mix)[0]
 
 
 def separated_distances(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ import numpy as np
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread, within
-from accelcal.data import Array, Channel, Recording, Rig
+from accelcal.data import Array, Channel, Recording, Rig, median_step
 from accelcal.diagnosis.experiment.detectability import (
     Detectability,
     DetectionModel,
@@ -333,7 +333,7 @@ def power_of_set_points(
     """
     t, p = recording.position.t, recording.position.y
     motion = through(t, p, recording.name)
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / median_step(t)
     model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
     state = planned_state(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
     return with_drift(detectability_of(state, model, extra, alpha))

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
-from accelcal.data import Array, Places
+from accelcal.data import Array, Places, unit_diagonal
 from accelcal.diagnosis.search.hypotheses import Hypothesis, jump_response, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.estimation.columns import distinct
@@ -172,9 +172,8 @@ class BaseProjection:
         self._factorise()
 
     def _factorise(self) -> None:
-        A = self.B @ self.B.T + np.diag(self.prior_information)
-        self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
+        A, self.size = unit_diagonal(self.B @ self.B.T + np.diag(self.prior_information))
+        self.factor = scipy.linalg.cho_factor(A + 1e-12 * np.eye(len(A)))
         # Belief pulls towards zero, not towards the values at hand.
         self.wy: Array = self.weights(self.B @ self.y - self.prior_information * self.at)
 

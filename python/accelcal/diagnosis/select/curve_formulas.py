@@ -21,7 +21,7 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal._support.values import listing
-from accelcal.data import Array, concise
+from accelcal.data import Array, concise, unit_diagonal
 from accelcal.diagnosis.policy import (
     FAMILYWISE_ALPHA,
     FORMULA_LACK_OF_FIT_ALPHA,
@@ -460,9 +460,8 @@ class Trial:
         step = DIFFERENCE * self.d
         above, below = (columns_of(self.elements, hats.nodes, self.d + h) for h in (step, -step))
         J = np.column_stack([columns, (above - below) @ c / (2.0 * step)])
-        information = J.T @ hats.G[: len(J), : len(J)] @ J
-        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-10, hermitian=True)
+        information, size = unit_diagonal(J.T @ hats.G[: len(J), : len(J)] @ J)
+        inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
         return np.append(c, self.d), np.sqrt(np.diag(inverse)) / size
 
     def inner_interval(self, hats: HatGram) -> tuple[float, float]:

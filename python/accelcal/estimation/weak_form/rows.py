@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array as Sparse
 
-from accelcal.data import POSITION_ORDER, Array, Flags
+from accelcal.data import POSITION_ORDER, Array, Flags, median_step
 from accelcal.data.clocks import decimal_step
 from accelcal.data.orientation import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, remembers
@@ -104,7 +104,7 @@ class WeakRows:
         self.order = run.order
         """How many derivatives of the reference make an acceleration."""
         t, z = self._read()
-        self.reading_step = float(np.median(np.diff(t)))
+        self.reading_step = median_step(t)
         begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1], run.t[-1] - self._clock)
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
