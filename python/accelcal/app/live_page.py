@@ -192,8 +192,7 @@ class Readout:
 
     def update(self) -> None:
         """Show the newest state; the lock of the follower is held."""
-        history = self.follower.history
-        newest = history.newest
+        newest = self.follower.history.newest
         text, kind = BADGES[None if newest is None else newest.state.holds]
         self.badge.set_text("Stopped" if self.follower.ended and newest is None else text)
         self.badge.classes(replace=f"badge {kind}")

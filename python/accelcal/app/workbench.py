@@ -45,7 +45,7 @@ from accelcal.app.state import (
     with_use,
 )
 from accelcal.app.tasks import PREFIX, Export, Reader
-from accelcal.app.workers import Compute, Report, direct
+from accelcal.app.workers import Compute, Report, Result, direct
 from accelcal.data import Recording, require_same_sensor
 from accelcal.diagnosis.runs import RunValues
 from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
@@ -486,18 +486,15 @@ class Workbench:
         name, train = change.name, state.train
         if change.kind == "base":
             base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
-            fit: Fit = self._done(tasks.fitted, base, train, progress=progress)
-            return fit
+            return self._done(tasks.fitted, base, train, progress=progress)
         before = fitted(state).fit
         if change.kind == "add":
-            fit = self._done(tasks.added, before, train, name, names_of(state), progress=progress)
-        elif change.kind == "drop":
-            fit = self._done(tasks.dropped, before, train, name, progress=progress)
-        else:
-            held = change.kind == "hold"
-            model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
-            fit = self._done(tasks.refitted, before, train, model, progress=progress)
-        return fit
+            return self._done(tasks.added, before, train, name, names_of(state), progress=progress)
+        if change.kind == "drop":
+            return self._done(tasks.dropped, before, train, name, progress=progress)
+        held = change.kind == "hold"
+        model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
+        return self._done(tasks.refitted, before, train, model, progress=progress)
 
     def _grown(self, state: State, change: Change, progress: Report) -> State:
         """The state with one more model, made the current one; all are compared with one filter."""
@@ -521,16 +518,15 @@ class Workbench:
         """Coefficients that processes and mechanisms of a model move, over the first fitted recording of a state."""
         if not any(map(moves, fit.model.terms)) or fit.axes:
             return ()
-        paths: tuple[tracks.Path, ...] = self._done(tasks.moving, fit, state.first_fitted.train, state=state)
-        return paths
+        return self._done(tasks.moving, fit, state.first_fitted.train, state=state)
 
     def _done(
         self,
-        task: Callable[..., Any],
+        task: Callable[..., Result],
         *args: Any,
         progress: Report = lambda share: None,
         state: State | None = None,
-    ) -> Any:
+    ) -> Result:
         """The result of long work on the data of a state, by default the present one."""
         return self._compute(task, *args, progress=progress, memory=Known.to(self.state if state is None else state))
 

@@ -25,7 +25,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from types import MappingProxyType
-from typing import Any, BinaryIO, Protocol, TypeVar
+from typing import Any, BinaryIO, Protocol, TypeVar, cast
 
 from accelcal._support import errors
 from accelcal._support.errors import AccelcalError
@@ -166,11 +166,11 @@ class WorkerLost(AccelcalError, ChildProcessError):
 class Compute(Protocol):
     """How a workbench has long work done: in another process, or here."""
 
-    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
+    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
         """Return ``task(*args, progress=progress)``."""
 
 
-def direct(task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
+def direct(task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
     """Do the work here."""
     with memory.catalogue():
         return task(*args, progress=progress)
@@ -193,7 +193,7 @@ class Workers:
         self._changed = threading.Condition()
         self._closed = False
 
-    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
+    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
         """Have a task done by a free worker.
 
         Parameters
@@ -220,7 +220,7 @@ class Workers:
         if answer.error is not None:
             logging.getLogger(__name__).debug("%s", answer.trace)
             raise answer.error from errors.RemoteTraceback(answer.trace)
-        return answer.found
+        return cast("Result", answer.found)
 
     def start_one(self) -> None:
         """Start the first worker, so that the first user does not wait for its imports."""

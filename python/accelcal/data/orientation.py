@@ -814,8 +814,7 @@ def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Arr
 
 def unbroken(t: Array) -> list[slice]:
     """Stretches of times without a hole."""
-    edges = [0, *holes(t), len(t)]
-    return [slice(a, b) for a, b in pairwise(edges)]
+    return [slice(a, b) for a, b in pairwise([0, *holes(t), len(t)])]
 
 
 def holes(t: Array) -> list[int]:
@@ -834,9 +833,8 @@ def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     axis : (3,) input axis, of length 1.
     """
     h = np.diff(t)
-    turns = []
-    for name, direction in zip(TURNED, perpendicular(axis), strict=True):
-        rate = rates @ direction
-        angle = running_integral(rate, h)
-        turns.append(Channel(name, t, angle, "rad"))
-    return turns[0], turns[1]
+    first, second = (
+        Channel(name, t, running_integral(rates @ direction, h), "rad")
+        for name, direction in zip(TURNED, perpendicular(axis), strict=True)
+    )
+    return first, second

@@ -217,8 +217,8 @@ def _require_finite(samples: Samples) -> None:
             i, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
             place = samples.row(i) if what else f"t = {instant(samples.t[i])} s, {samples.row(i)}"
             raise RecordingError(
-                f"{samples.file}: {what}{samples.name}: {_counted(count, 'sample')} not finite (first at {place}). "
-                "Drop them or mark them missing with an empty cell."
+                f"{samples.file}: {what}{samples.name}: {amount_of(count, 'sample is', 'samples are')} not finite "
+                f"(first at {place}). Drop them or mark them missing with an empty cell."
             )
 
 
@@ -254,10 +254,6 @@ def require_pace(file: str, name: str, t: Array) -> None:
             f"{file}: {name}: the usual interval between two stamps is {usual:.3g} s, expected at least "
             f"{SHORTEST:g} s. Check the unit of the time column."
         )
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"1 {noun} is" if count == 1 else f"{count} {noun}s are"
 
 
 def _require_order(samples: Samples) -> None:
@@ -469,7 +465,8 @@ def _clipping(name: str, t: Array, y: Array, full_scale: float | None) -> list[F
         if count < _FEWEST_PILED or not len(others):
             continue
         neighbour = others.max() if extreme > others[0] else others.min()
-        if count >= _PILED * np.count_nonzero(others == neighbour) and _codes_between(y) > _FEWEST_CODES:
+        codes = float(np.ptp(y)) / _quantum(np.abs(np.diff(y)))
+        if count >= _PILED * np.count_nonzero(others == neighbour) and codes > _FEWEST_CODES:
             findings.append(_clipped(name, t, at, f"piled up at the extreme {extreme:.6g} m/s^2"))
     return findings
 
@@ -479,10 +476,6 @@ _MOST_CLIPPED = 0.5
 """Share of the samples beyond which not the motion but a declaration puts them at the limit."""
 _PILED = 5  # a sine has at most 2.4 times as many readings at its extreme code as at the next
 _FEWEST_CODES = 16  # a record at rest has only a few codes, and its extreme one may well be the commonest
-
-
-def _codes_between(y: Array) -> float:
-    return float(np.ptp(y)) / _quantum(np.abs(np.diff(y)))
 
 
 def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Finding:

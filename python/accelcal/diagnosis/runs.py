@@ -216,11 +216,12 @@ def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[st
     """Every further run with its Gram matrix of the free terms and the further ones."""
     terms = [*model.free, *extra]
     rig = state.run.rig
-    grams = []
-    for text, axis, mount in MOTIONS:
-        if (axis or rig.axis) == rig.axis and (mount or rig.mount) == rig.mount:
-            continue
-        grams.append((text, normal_equations(turned(state, axis or rig.axis, mount or rig.mount), terms).gram))
+    motions = ((text, axis or rig.axis, mount or rig.mount) for text, axis, mount in MOTIONS)
+    grams = [
+        (text, normal_equations(turned(state, axis, mount), terms).gram)
+        for text, axis, mount in motions
+        if (axis, mount) != (rig.axis, rig.mount)
+    ]
     angle_std = rig.uncertainty.level or ANGLE_STD
     X = dwell_rows(tumble(state, angle_std), terms, state.values, state.run.origins).columns
     text = f"{DWELLS} dwells of {DWELL:g} s around a turn in gravity, angles to {math.degrees(angle_std):.2g} degrees,"

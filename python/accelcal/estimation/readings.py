@@ -41,8 +41,7 @@ def spikes(t: Array, z: Array, output: Channel) -> Flags:
     t, z = t[:finite], z[:finite]
     if finite < MIN_READINGS:
         return spiky
-    steps = np.diff(z)
-    speed = np.abs(steps) / np.diff(t)
+    speed = np.abs(np.diff(z)) / np.diff(t)
     usual = float(np.quantile(speed, 0.98))
     fast = np.flatnonzero(speed > SPIKE_SPEED * usual) if usual > 0.0 else np.empty(0, dtype=np.intp)
     longest = min(max(1, int(SPIKE_SHARE * len(z))), SPIKE_READINGS)

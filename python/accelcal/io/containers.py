@@ -27,7 +27,7 @@ from accelcal.data import RecordingError
 from accelcal.io.decoding.child import MEMORY, SECONDS
 from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.decoding.source import Entry
-from accelcal.io.table import MOST_SAMPLES, Column, Table, most_numbers
+from accelcal.io.table import FREE_NUMBERS, MOST_SAMPLES, Column, Table
 
 PATIENCE = 20.0
 """Times the allowed processor time that an answer may take: a machine that is busy is waited for."""
@@ -92,7 +92,7 @@ class ReaderProcess:
                     f'{self.path}: column "{name}" holds {lengths[name]} samples, expected at most {MOST_SAMPLES}; '
                     "cut the recording into parts."
                 )
-        total, most = sum(lengths[name] for name in names), most_numbers(self.size)
+        total, most = sum(lengths[name] for name in names), FREE_NUMBERS + self.size
         if total > most:
             raise RecordingError(
                 f"{self.path}: its columns hold {total} numbers in {self.size} bytes, expected at most {most}; export "

@@ -11,17 +11,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from accelcal.data import RecordingError, units
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 from accelcal.io import naming
 from accelcal.io.table import DATES, MOST_COLUMNS, Column, Order, from_arrow
-
-if TYPE_CHECKING:
-    from accelcal.data.arrays import Flags
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
-
-if TYPE_CHECKING:
-    from accelcal.data.recording import Finding
+from accelcal.data.recording import Channel, Finding
 
 DATES = "dates alone"
 """The form of instants without a time of day."""
@@ -85,11 +83,6 @@ MODEL_BYTES = 64_000_000
 """Size of a model file."""
 
 
-def most_numbers(size: int) -> int:
-    """Numbers in the columns that are used of a file of `size` bytes: what it may grow to in memory."""
-    return FREE_NUMBERS + size
-
-
 def from_arrow(cells: Any) -> Column:
     """Take the numbers out of a pyarrow array; null means an empty cell, stamps become seconds from the first.
 
@@ -131,6 +124,14 @@ def from_dates(stamps: NDArray[Any]) -> Column:
     origin = int(count[~missing][0]) if stamps.dtype.kind == "M" and not missing.all() else None
     values = np.where(missing, np.nan, (count - (origin or 0)) * 1e-9)
     return Column(values, ~missing if missing.any() else None, origin)
+
+
+def on_stamps(channel: Channel, t: Array) -> tuple[Array, Flags]:
+    """A channel on stamps `t` (n,) s that hold its own: its values, and where it was sampled, (n,) each."""
+    values, present = np.zeros(len(t)), np.zeros(len(t), dtype=bool)
+    at = np.searchsorted(t, channel.t)
+    values[at], present[at] = channel.y, True
+    return values, present
 
 
 def cells_of(values: Array, missing: Flags) -> Any:

@@ -26,7 +26,7 @@ from accelcal.io.sidecar import (
     ASSUMED_ZERO,
     KEYS,
 )
-from accelcal.io.table import Column, Table
+from accelcal.io.table import Column, Table, on_stamps
 
 
 def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
@@ -163,10 +163,7 @@ def table_of(path: Path, channels: Sequence[Channel]) -> Table:
     t = np.unique(np.concatenate([channel.t for channel in channels]))
     columns = {STAMPS: Column(t)}
     for channel in channels:
-        values, present = np.zeros(len(t)), np.zeros(len(t), dtype=bool)
-        at = np.searchsorted(t, channel.t)
-        values[at], present[at] = channel.y, True
-        columns[naming.column_name(channel.name, channel.unit)] = Column(values, present)
+        columns[naming.column_name(channel.name, channel.unit)] = Column(*on_stamps(channel, t))
     return Table(
         path, tuple(columns), lambda names: {name: columns[name] for name in names}, lambda i: f"instant {t[i]:.6g} s"
     )

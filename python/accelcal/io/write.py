@@ -42,7 +42,7 @@ from accelcal.io.atomic import Part, atomic, atomic_write, named
 from accelcal.io.files import content_of
 from accelcal.io.loading import Body, digest_of
 from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_of, toml_text
-from accelcal.io.table import SIDECAR_BYTES, cells_of
+from accelcal.io.table import SIDECAR_BYTES, cells_of, on_stamps
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -211,10 +211,8 @@ def common_rows(recording: Recording) -> Iterator[tuple[Channel, Array, Flags]]:
     """Each channel on the common stamps: the channel, its values, and where it was not sampled, (n,) each."""
     t = common_stamps(recording)
     for channel in _channels(recording):
-        values, missing = np.zeros(len(t)), np.ones(len(t), dtype=bool)
-        at = np.searchsorted(t, channel.t)
-        values[at], missing[at] = channel.y, False
-        yield channel, values, missing
+        values, present = on_stamps(channel, t)
+        yield channel, values, ~present
 
 
 def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:

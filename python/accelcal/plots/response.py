@@ -33,11 +33,10 @@ def response_rows(answer: FrequencyResponse) -> list[tuple[str, ...]]:
     model = answer.model
     deviations = [math.nan] * len(answer.points) if model is None else list(model.best.deviations)
     failing = () if model is None else model.failing
-    rows = []
-    for point, deviation in zip(answer.points, deviations, strict=True):
-        fails = ", fails" if point.frequency in failing else ""
-        rows.append((*_cells(point), "" if math.isnan(deviation) else f"{deviation:.1f}{fails}"))
-    return rows
+    return [
+        (*_cells(p), "" if math.isnan(d) else f"{d:.1f}{', fails' * (p.frequency in failing)}")
+        for p, d in zip(answer.points, deviations, strict=True)
+    ]
 
 
 def _cells(p: Point) -> tuple[str, ...]:

@@ -52,11 +52,6 @@ class Segments:
     """s, of one."""
     count: int
 
-    @property
-    def hop(self) -> float:
-        """From one begin to the next, s."""
-        return self.length / OVERLAP
-
     def covariance(self) -> Array:
         """(m, m) correlation of white noise seen through the windows."""
         u = (np.arange(4000) + 0.5) / 4000
@@ -144,7 +139,7 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
     factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
     values, rows = np.empty((COLUMNS, len(w), segments.count), dtype=np.complex128), order + COLUMNS
     for i in range(segments.count):
-        begin = segments.begin + delay + i * segments.hop
+        begin = segments.begin + delay + i * (segments.length / OVERLAP)
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
         t, y = channel.t[first:last], channel.y[first:last]
         tests = window((t - begin) / segments.length)[:rows] / segments.length ** np.arange(float(rows))[:, None]

@@ -164,7 +164,7 @@ def as_html(shown: Table) -> str:
     strong = [f'<p style="margin:2px 0"><b>{escape(text)}</b></p>' for text in (*shown.alarms, shown.sentence)]
     parts = [f"<p {muted}>{escape(shown.title)}</p>", *strong]
     if rows:
-        titles = "".join(map(_head_cell, (*head, "") if shown.bars else head))
+        titles = "".join(_cell(text, "th") for text in ((*head, "") if shown.bars else head))
         body = "".join(
             f"<tr>{''.join(map(_cell, row))}{_bar(shown.bars[k]) if shown.bars else ''}</tr>"
             for k, row in enumerate(rows)
@@ -175,10 +175,6 @@ def as_html(shown: Table) -> str:
         )
     parts += [f"<p {muted}>{escape(note)}</p>" for note in shown.notes]
     return f'<div class="accelcal" style="overflow-x:auto">{"".join(parts)}</div>'
-
-
-def _head_cell(text: str) -> str:
-    return _cell(text, "th")
 
 
 def _cell(text: str, kind: str = "td") -> str:

@@ -421,8 +421,8 @@ def strict(lost: str) -> str:
 #endif"""
 
 
-def upwards(value: float, digits: int = 2) -> str:
-    """A bound in few digits, never smaller than it is.
+def upwards(value: float) -> str:
+    """A bound in two digits, never smaller than it is.
 
     Examples
     --------
@@ -431,8 +431,8 @@ def upwards(value: float, digits: int = 2) -> str:
     """
     if value == 0.0:
         return "0"
-    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    return f"{(math.floor(value / step) + 1) * step:.{digits}g}"
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{(math.floor(value / step) + 1) * step:.2g}"
 
 
 def sensor_name(c: Calibration) -> str:

@@ -219,12 +219,37 @@ def vibration_test(
     power = spectra.means(residuals.background**2) - max(share, 0.0) * jitter**2 * j2
     power = np.maximum(power, 0.05 * float(np.median(power)))
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
-    top_speed = float(np.max(np.abs(residuals.motion[0])))
     bins = vibration_bins(spectra.power, v4, band)
     line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < NOISE_TEST_ALPHA), None)
     frequency = line.parts["frequency"] if line else strongest_frequency(residuals, spectra.f[band])
+    ends = float(spectra.f[bins.start]), float(spectra.f[min(bins.stop, len(spectra.f)) - 1])
+    size = c[1], covariance[1, 1]
+    return speed_test(residuals, (score, p_value), frequency, ends, *size, len(v4), above=residuals.edge)
+
+
+def speed_test(
+    residuals: Residuals,
+    significance: tuple[float, float],
+    frequency: float,
+    ends: tuple[float, float],
+    c: float,
+    variance: float,
+    blocks: int,
+    *,
+    above: float | None = None,
+) -> NoiseTest:
+    """Result of a test for vibration in a band with `ends`, Hz, whose mean square is c v⁴ at the output.
+
+    The band is `above` that of any motion, Hz; None where it is beside the tail of a motion.
+    """
+    score, p_value = significance
+    top_speed = float(np.max(np.abs(residuals.motion[0])))
     gain = top_speed**2 / residuals.lowpass_gain(frequency)
-    amplitude, spread = amplitude_from_power(2.0 * c[1], 4.0 * covariance[1, 1], gain)
+    amplitude, spread = amplitude_from_power(2.0 * c, 4.0 * variance, gain)
+    size = f"up to {amplitude:.2g} m/s² at {top_speed:.2g} m/s"
+    text = f"noise near {frequency:.0f} Hz grows with speed and stands out of the tail of the motion: {size}"
+    if above is not None:
+        text = f"noise above {above:.0f} Hz grows with speed: {size}, strongest near {frequency:.0f} Hz"
     return NoiseTest(
         VIBRATION,
         score,
@@ -232,17 +257,14 @@ def vibration_test(
         amplitude,
         "m/s²",
         spread,
-        f"noise above {residuals.edge:.0f} Hz grows with speed: up to {amplitude:.2g} m/s² at {top_speed:.2g} m/s, "
-        f"strongest near {frequency:.0f} Hz"
-        if p_value < NOISE_TEST_ALPHA
-        else "noise does not grow with speed",
+        text if p_value < NOISE_TEST_ALPHA else "noise does not grow with speed",
         {
             "frequency": frequency,
-            "lowest": float(spectra.f[bins.start]),
-            "highest": float(spectra.f[min(bins.stop, len(spectra.f)) - 1]),
+            "lowest": ends[0],
+            "highest": ends[1],
             "top_speed": top_speed,
             "score": score,
-            "blocks": float(len(v4)),
+            "blocks": float(blocks),
         },
     )
 

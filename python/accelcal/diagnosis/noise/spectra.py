@@ -11,8 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array
-from accelcal.diagnosis.noise.motion_noise import BANDS, amplitude_from_power, rank_correlation, vibration_bins
-from accelcal.diagnosis.noise.noise_test import LINE, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise.motion_noise import BANDS, rank_correlation, speed_test, vibration_bins
+from accelcal.diagnosis.noise.noise_test import LINE, NoiseTest
 from accelcal.diagnosis.noise.residuals import (
     MIDDLE_BLOCKS,
     BlockSpectra,
@@ -453,42 +453,6 @@ def line_vibration(residuals: Residuals, line: NoiseTest) -> NoiseTest:
     c, covariance = power_fit(2.0 * np.abs(wave) ** 2, np.column_stack([np.ones_like(v4), v4]))
     significance = line.statistic, line.p_value
     return speed_test(residuals, significance, f, (f - half, f + half), c[1], covariance[1, 1], len(v4))
-
-
-def speed_test(
-    residuals: Residuals,
-    significance: tuple[float, float],
-    frequency: float,
-    ends: tuple[float, float],
-    c: float,
-    variance: float,
-    blocks: int,
-) -> NoiseTest:
-    """Result of a test for vibration in a band with `ends`, Hz, whose mean square is c v⁴ at the output."""
-    score, p_value = significance
-    top_speed = float(np.max(np.abs(residuals.motion[0])))
-    gain = top_speed**2 / residuals.lowpass_gain(frequency)
-    amplitude, spread = amplitude_from_power(2.0 * c, 4.0 * variance, gain)
-    return NoiseTest(
-        VIBRATION,
-        score,
-        p_value,
-        amplitude,
-        "m/s²",
-        spread,
-        f"noise near {frequency:.0f} Hz grows with speed and stands out of the tail of the motion: up to "
-        f"{amplitude:.2g} m/s² at {top_speed:.2g} m/s"
-        if p_value < NOISE_TEST_ALPHA
-        else "noise does not grow with speed",
-        {
-            "frequency": frequency,
-            "lowest": ends[0],
-            "highest": ends[1],
-            "top_speed": top_speed,
-            "score": score,
-            "blocks": float(blocks),
-        },
-    )
 
 
 def falling_spectra(residuals: Residuals) -> BlockSpectra:

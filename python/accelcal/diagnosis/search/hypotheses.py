@@ -77,8 +77,7 @@ def jumps(state: RunState) -> list[InitialShape]:
     s = state.signals
     crossover = 2.0 * np.pi * state.run.crossover(state.noise)
     y = np.where(state.counts, state.whitened, 0.0)
-    response = jump_response(state)
-    match = np.abs(correlated(y, response))
+    match = np.abs(correlated(y, jump_response(state)))
     span = max(1, int(1.0 / (crossover * state.run.reading_step)))
     comparisons = max(1, int(s.length * crossover))
     shapes: list[InitialShape] = []

@@ -66,7 +66,9 @@ class Messages:
 
     def leaves(self, name: str) -> tuple[Leaf, ...]:
         """The numbers of each message of a type."""
-        return tuple(Leaf(_dotted(path), unit, _taker(path, float)) for path, unit in self._numbers(_full(name), 0))
+        return tuple(
+            Leaf(".".join(map(str, path)), unit, _taker(path, float)) for path, unit in self._numbers(_full(name), 0)
+        )
 
     def stamp(self, name: str) -> Callable[[Any], int] | None:
         """What reads the stamp of a message with a header, ns."""
@@ -132,10 +134,6 @@ def _is_short(field: str, node: Any) -> bool:
     """Whether the elements of an array are columns: those of a covariance are not."""
     (kind, what), length = node
     return kind == Nodetype.BASE and "string" not in what[0] and length <= _MOST_ELEMENTS and "covariance" not in field
-
-
-def _dotted(path: tuple[str | int, ...]) -> str:
-    return ".".join(map(str, path))
 
 
 def _taker(path: tuple[str | int, ...], convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
