@@ -146,13 +146,11 @@ COUNTS = {
     "broken": "broken",
     "out_of_order": "out of order",
     "missing": "missing",
-}
-"""Counts of lines by their key, as they are named on the page."""
-MORE = {
     "dropped_bytes": "bytes dropped",
     "refused": "refused by the filter",
     "recorded": "rows recorded",
 }
+"""Counts by their key, as they are named on the page."""
 BADGES = {
     None: ("Waiting for innovations", ""),
     True: ("The model holds", "good"),
@@ -186,7 +184,7 @@ class Readout:
                 ui.label("None yet.").classes("note")
             self.bias = ui.label().classes("warning").props("role=status")
         with widgets.card("Lines"):
-            self.counts = {key: self._count(name) for key, name in (COUNTS | MORE).items()}
+            self.counts = {key: self._count(name) for key, name in COUNTS.items()}
             ui.label(f"Recording: {asked.recording}").classes("note")
         self._alarms_seen: tuple[Any, ...] = ()
 

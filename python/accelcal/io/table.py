@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.data.recording import Channel, Finding
+
+if TYPE_CHECKING:
+    from accelcal.data.recording import Channel, Finding
 
 DATES = "dates alone"
 """The form of instants without a time of day."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -211,7 +212,24 @@ def ties(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 LIMITS = 6
-"""Detection limits that are shown without a click."""
+"""Rows of a table that are shown without a click."""
+
+
+def shortened(head: Sequence[str], rows: Sequence[Sequence[widgets.Cell]], label: str, more: str, others: str) -> None:
+    """The first rows of a table, and the others, if there are any, behind a click on `more`."""
+    widgets.table(head, rows[:LIMITS], label)
+    if rows[LIMITS:]:
+        with ui.expansion(more, icon="list").classes("full"):
+            widgets.table(head, rows[LIMITS:], others)
+
+
+def not_diagnosed(page: Page, waiting: str) -> None:
+    """A button that begins the diagnosis, or that it is under way."""
+    if page.bench.job is None and not page.asking:
+        ui.label("Not diagnosed yet.")
+        widgets.button("Diagnose", "search", page.ask, primary=True)
+    else:
+        ui.label(waiting)
 
 
 def show(page: Page) -> None:
@@ -309,10 +327,7 @@ def followed(page: Page, step: Step) -> None:
             continue
         ui.label(FOLLOWING).classes("note")
         label = f"What {spelled(path.coefficient)} may follow"
-        widgets.table([*head, ""], rows[:LIMITS], label)
-        if rows[LIMITS:]:
-            with ui.expansion("More drivers", icon="list").classes("full"):
-                widgets.table([*head, ""], rows[LIMITS:], f"{label}, further drivers")
+        shortened([*head, ""], rows, label, "More drivers", f"{label}, further drivers")
 
 
 FOLLOWING = (
@@ -397,13 +412,9 @@ def figure(name: str, value: float, mark: str, shown: str) -> None:
 
 def verdict(page: Page) -> None:
     """The verdict, the candidates with their cards, and Add."""
-    bench, diagnosis = page.bench, page.bench.diagnosis
+    diagnosis = page.bench.diagnosis
     if diagnosis is None:
-        if bench.job is None and not page.asking:
-            ui.label("Not diagnosed yet.")
-            widgets.button("Diagnose", "search", page.ask, primary=True)
-        else:
-            ui.label("Testing every effect of the catalogue …")
+        not_diagnosed(page, "Testing every effect of the catalogue …")
         return
     for axis, judged in by_output(diagnosis):
         if axis:
@@ -421,10 +432,8 @@ def verdict_of(page: Page, axis: str, diagnosis: Diagnosis) -> None:
     if diagnosis.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
         limits = diagnosis.table("limits").cells[1]
-        widgets.table(["effect", "detected from"], limits[:LIMITS], "Detection limits")
-        if limits[LIMITS:]:
-            with ui.expansion("More limits", icon="list").classes("full"):
-                widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
+        names = "Detection limits", "More limits", "More detection limits"
+        shortened(["effect", "detected from"], limits, *names)
     for name, title, text in found_in_noise(page.bench.state, diagnosis):
         with ui.element("article").classes("candidate"):
             heading(page, axis, name, title)
@@ -591,11 +600,7 @@ def show_residuals(page: Page) -> None:
     judged = None if bench.diagnosis is None else dict(by_output(bench.diagnosis)).get(state.axis)
     with widgets.card("Where it fails"):
         if judged is None:
-            if bench.job is None and not page.asking:
-                ui.label("Not diagnosed yet.")
-                widgets.button("Diagnose", "search", page.ask, primary=True)
-            else:
-                ui.label("Diagnosis is running …")
+            not_diagnosed(page, "Diagnosis is running …")
         else:
             worst = judged.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")

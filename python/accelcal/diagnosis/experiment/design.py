@@ -433,8 +433,8 @@ def correlations(evidence: CandidateScores) -> Array:
 def separated_distances(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:
     """Distance of the typical size of each effect from zero, the others estimated jointly: d sqrt(1 - R²)."""
     unshared = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
-    distances = []
-    for i, item in enumerate(evidence.items):
-        power = float(np.max(np.diag(evidence.G[evidence.columns[i], evidence.columns[i]])))
-        distances.append(item.effect.prior.typical * math.sqrt(max(0.0, power * float(unshared[i]))))
-    return tuple(distances)
+    powers = (float(np.max(np.diag(evidence.G[columns, columns]))) for columns in evidence.columns)
+    return tuple(
+        item.effect.prior.typical * math.sqrt(max(0.0, power * float(left)))
+        for item, power, left in zip(evidence.items, powers, unshared, strict=True)
+    )
