@@ -208,3 +208,12 @@ def test_gravity_does_not_pass_a_high_pass() -> None:
     assert abs(np.mean(made.recording.accel.y)) < 0.1 * STANDARD_GRAVITY
     fit = estimate(Model.linear(), made.recording)
     assert abs(fit["scale_factor"].value) < 4.5 * fit["scale_factor"].std
+
+
+def test_noise_that_enters_behind_a_resonance_is_coloured_near_it() -> None:
+    """|1 - (f/f0)²|² is 0.56 at f0/2 and 0.99 at f0/20; behind a low-pass with a corner there, the noise is white."""
+    rig = replace(ADXL105_RIG, lowpass=None, output_filters=(KINDS["resonance"],))
+    filters = ChannelFilters(rig, RATE, RATE)
+    assert filters.colour(20.0)
+    assert not filters.colour(2.0)
+    assert not ChannelFilters(replace(rig, output_filters=(KINDS["butterworth"],)), RATE, RATE).colour(20.0)

@@ -84,11 +84,12 @@ class ChannelFilters:
         """Whether the noise of the sensor is not white up to a crossover, Hz, as the readings show it.
 
         It never is behind a high-pass, which takes its slowest part; elsewhere its power at the crossover counts, where
-        both channels know the acceleration equally well.
+        both channels know the acceleration equally well. That of a resonance enters behind it: its inverse colours it.
         """
         f = np.array([crossover])
-        power = np.abs(self.common(f) * np.where(f < ROLL_OFF * self.edge, 1.0, 0.0)) ** 2
-        return bool(not self.rig.coupled or power[0] < LEAST_POWER)
+        resonances = [item for item in self.inverted if item.kind == "resonance"]
+        gain = self.common(f) * np.where(f < ROLL_OFF * self.edge, 1.0, 0.0) / response(resonances, self.rate)(f)
+        return bool(not self.rig.coupled or not LEAST_POWER <= abs(gain[0]) ** 2 <= 1.0 / LEAST_POWER)
 
     @property
     def kernel(self) -> float:
