@@ -33,7 +33,8 @@ def drawn(seed: int, others: bool) -> tuple[World, str, float]:
     rng = np.random.default_rng(seed)
     motion, nuisances = str(rng.choice(MOTIONS)), Nuisances.draw(rng)
     if others:
-        name = str(rng.choice([e.name for e in CATALOGUE.values() if e.kind == "mean" and e.name != "sensor_resonance"]))
+        others_of_mean = {effect.name for effect in CATALOGUE.values() if effect.kind == "mean"} - {"sensor_resonance"}
+        name = str(rng.choice(sorted(others_of_mean)))
         world = World(motion=motion, hidden=(Hidden(name, CATALOGUE[name].typical),), seed=seed, nuisances=nuisances)
         return at_d(world, 12.0), name, 0.0
     f0, q = (float(np.exp(rng.uniform(*np.log(span)))) for span in (FREQUENCY, QUALITY))
