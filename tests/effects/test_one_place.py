@@ -36,6 +36,7 @@ HOMONYMS = {
     ("diagnosis/findings.py", "ac_coupling"): "key of the sidecar that declares that filter",
     ("diagnosis/findings.py", "encoder_lag"): "key of the sidecar that declares that filter",
     ("diagnosis/findings.py", "sensor_lag"): "key of the sidecar that declares that filter",
+    ("diagnosis/checks.py", "sensor_resonance"): "the column of the second derivative, which measures a resonance",
     ("diagnosis/checks.py", "tilt"): "the cause that a check judges, and the class that it enters",
     ("results/model_file.py", "encoder_scale"): "key of a sidecar",
     ("results/model_file.py", "misalignment"): "key of a sidecar",

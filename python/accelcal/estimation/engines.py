@@ -474,7 +474,7 @@ def spectrum_of(state: RunState, terms: Sequence[Term], *, keep: bool = False) -
     X = sums.whole(terms)
     vars(sums)[COLUMNS] = tuple(terms), X
     size = np.sqrt(np.maximum(np.sum(X**2, axis=1), 1e-300))
-    if not np.all(np.isfinite(size)) or not np.isfinite(y @ y):
+    if not len(y) or not np.all(np.isfinite(size)) or not np.isfinite(y @ y):
         return None  # the solve says so
     basis = scipy.linalg.orth((X / size[:, None]).T)
     explained = np.minimum(np.sum(scipy.fft.dct(basis, norm="ortho", axis=0) ** 2, axis=1), 1.0)
