@@ -26,7 +26,7 @@ def pytest_configure(config):
 
 def pytest_collection_modifyitems(config, items):
     config.unguarded = tiers.mark(items)
-    config.gone = set() if any("::" in name for name in config.args) else tiers.gone(items)
+    config.dropped = set() if any("::" in name for name in config.args) else tiers.dropped(items)
     if share := os.environ.get("ACCELCAL_SLOW"):
         left_out = tiers.left_out(items, share)
         config.hook.pytest_deselected(items=left_out)

@@ -129,7 +129,7 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
     return slow - fast - guards.keys()
 
 
-def gone(items: Sequence[pytest.Item]) -> set[str]:
+def dropped(items: Sequence[pytest.Item]) -> set[str]:
     """Return the listed cases of the collected test functions that are no cases of them; all cases are in `items`."""
     cases = {item.nodeid for item in items}
     functions = set(map(function, cases))

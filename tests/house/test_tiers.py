@@ -41,9 +41,9 @@ def test_every_slow_test_has_a_fast_case_or_a_guard(pytestconfig: pytest.Config)
 
 
 def test_every_listed_case_is_a_case_of_its_function(pytestconfig: pytest.Config) -> None:
-    assert pytestconfig.gone == set()  # type: ignore[attr-defined]
+    assert pytestconfig.dropped == set()  # type: ignore[attr-defined]
     named = next(case for case in tiers.stored()[0] if "[" in case)
-    assert named in tiers.gone([SimpleNamespace(nodeid=f"{tiers.function(named)}[another]")])  # type: ignore[list-item]
+    assert named in tiers.dropped([SimpleNamespace(nodeid=f"{tiers.function(named)}[another]")])  # type: ignore[list-item]
 
 
 def test_tests_and_guards_exist_and_no_guard_is_slow() -> None:

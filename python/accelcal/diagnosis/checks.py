@@ -546,7 +546,11 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     noise that no resonance lowers by `DATA_SHEET_NOISE_RATIO` gives none (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, before = e.recording.rig, _density(e.fit)
-    if not (e.delayed and any(_filtered(e))) or any(item.kind == "resonance" for item in rig.output_filters):
+    imposed, coloured = _filtered(e)
+    named = any(RESONANCE in finding.members for finding in e.scan.found)
+    if not e.delayed or any(item.kind == "resonance" for item in rig.output_filters):
+        return
+    if not (imposed or coloured and named):
         return
     others = rig.output_filters if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
 

@@ -249,8 +249,8 @@ def tight(part: Any, short: bool = False) -> Any:
             while arguments["type"] != "dataclass-args":
                 arguments = arguments["schema"]
             # A writer asks for each of these, and what was read has no field that its JSON left out.
-            kept = {field["name"] for field in arguments["fields"]}
-            tightened["fields"] = [name for name in part["fields"] if name in kept]
+            names = {field["name"] for field in arguments["fields"]}
+            tightened["fields"] = [name for name in part["fields"] if name in names]
         case "dataclass-args":
             tightened["fields"] = [tight(field, short) for field in part["fields"] if mark_of(field) is not False]
         case "dataclass-field" if mark_of(tightened):

@@ -63,8 +63,8 @@ RESOLVING = 0.05
 stands on a few samples, and of the noise nothing more is told."""
 MOVING = 0.2
 """The same of a motion that lies beyond: without it no parameter is told at all."""
-WITHIN = 0.5
-"""Share of the power of the motion that test functions of the usual width are to resolve."""
+WITHIN = 0.02
+"""Share of the power of the motion below which test functions of the usual width resolve nothing of it."""
 TWICE_DIFFERENTIATED = 7
 """Degree of the splines through the readings whose second derivatives are taken."""
 LOST = 1.5
