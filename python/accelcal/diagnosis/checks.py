@@ -550,7 +550,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     named = any(RESONANCE in finding.members for finding in e.scan.found)
     if not e.delayed or any(item.kind == "resonance" for item in rig.output_filters):
         return
-    if not (imposed or coloured and named):
+    if not (imposed or (coloured and named)):
         return
     others = rig.output_filters if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
 
