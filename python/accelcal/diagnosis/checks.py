@@ -41,6 +41,7 @@ from accelcal.diagnosis.policy import (
     DRIFT_BAND,
     ENGINES_APART,
     FAMILYWISE_ALPHA,
+    RESONANCE_SPREAD,
     TRANSVERSE_ALPHA,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
@@ -70,8 +71,6 @@ RESONANCE_STEPS = 8
 """Fits until the coefficients of a resonance stay."""
 RESONANCE_FIRST = 1.15
 """Least ratio by which the first declared one lowers the noise density."""
-RESONANCE_SPREAD = 0.1
-"""Largest relative standard uncertainty of its frequency."""
 RESONANCE_LOWER = 1.005
 """Ratio by which the frequency of the least noise has to lower the noise density to be the one that is said."""
 RELAXED = 0.75
@@ -552,10 +551,14 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
         return
     if not (imposed or (coloured and named)):
         return
-    others = rig.output_filters if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
+    low = () if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
 
     def behind(f0: float, q: float) -> Rig:
-        return replace(rig, lowpass=None, output_filters=(ChannelFilter("resonance", cutoff=f0, quality=q), *others))
+        return replace(
+            rig,
+            lowpass=None,
+            output_filters=(ChannelFilter("resonance", cutoff=f0, quality=q), *low, *rig.output_filters),
+        )
 
     model = e.model if RESONANCE in e.model.effects else e.model.add(RESONANCE)
     declared, first, second, share = rig, 0.0, 0.0, 1.0

@@ -162,6 +162,9 @@ measures no position. [share; tests/selection/test_plausibility.py]"""
 DATA_SHEET_NOISE_RATIO = 1.5
 """Fitted over declared noise density, or over that with a low-pass, above which no model is adequate. Data sheets state
 typical values; units scatter by less. [ratio; tests/hidden/test_hidden.py]"""
+RESONANCE_SPREAD = 0.1
+"""Relative standard uncertainty of the frequency of a resonance up to which it is said, and nothing is named. A worse
+one is no line to write. [share; tests/diagnosis/test_undeclared_lowpass.py]"""
 REJECTION_ROUNDS = 3
 """Rounds of outlier rejection, each followed by a fit. Smaller outliers show once the larger ones are gone. [rounds;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""

@@ -120,7 +120,7 @@ def _declared_fit(recording: Recording, fit: Fit, model: ResponseModel | None) -
     """Noise of a fit, and of one with the filters of a structure declared; and how to declare them, if that is less by
     what makes a model inadequate."""
     noise = max(run.noise.all.density for run in fit.runs)
-    if model is None or not model.best.filters:
+    if model is None or model.best.filters == model.best.behind:
         return (noise, noise), ""
     rig = replace(recording.rig, lowpass=None, output_filters=model.best.filters)
     with suppress(RecordingError, NotIdentifiable):
