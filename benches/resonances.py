@@ -45,8 +45,7 @@ def drawn(seed: int, others: bool) -> tuple[World, str, float]:
 def behind(recording: Recording, f0: float, q: float) -> Recording:
     """The recording with a resonance declared before its low-pass."""
     rig = recording.rig
-    low = () if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
-    filters = (ChannelFilter("resonance", cutoff=f0, quality=q), *low)
+    filters = (ChannelFilter("resonance", cutoff=f0, quality=q), *rig.passed_by_output)
     return replace(recording, rig=replace(rig, lowpass=None, output_filters=filters))
 
 

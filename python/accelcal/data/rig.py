@@ -346,6 +346,12 @@ class Rig:
         return (*self.output_filters, *self.position_filters)
 
     @property
+    def passed_by_output(self) -> tuple[ChannelFilter, ...]:
+        """Declared filters of the accelerometer, its one RC the first."""
+        first = () if self.lowpass is None else (ChannelFilter("RC", cutoff=self.lowpass.cutoff),)
+        return (*first, *self.output_filters)
+
+    @property
     def polarity(self) -> float:
         """+1 when the input axis points along the stage axis, -1 when the sensor is reversed on it."""
         return -1.0 if self.mount == "reversed" else 1.0

@@ -53,7 +53,7 @@ from accelcal.diagnosis.runs import runs_disagree
 from accelcal.diagnosis.search.confounding import DetectedEffect, with_members
 from accelcal.diagnosis.search.homogeneity import OF_FREQUENCY
 from accelcal.effects import BUILT_IN, OF_TIME, find
-from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.estimate import Fit, most_noise, result, solve_runs
 from accelcal.estimation.plausible import implausible_scale
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, prepared
@@ -520,11 +520,11 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
         return
     if not (imposed or coloured if slower else imposed and not named):
         return
-    before = _density(e.fit)
+    before = most_noise(e.fit)
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
         with suppress(ValueError):
             fit = _behind(e, e.model, replace(rig, lowpass=LowPass(1.0 / (2.0 * math.pi * tau), 0.5)))
-            error, left = fit["lowpass_error"], _density(fit)
+            error, left = fit["lowpass_error"], most_noise(fit)
             if (
                 DATA_SHEET_NOISE_RATIO * left < before
                 and abs(error.value) < 0.5 * tau
@@ -544,21 +544,17 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     which leaves the least noise, half of the way to it in its uncertainty (derivations 7.3d). No null:
     noise that no resonance lowers by `DATA_SHEET_NOISE_RATIO` gives none (tests/diagnosis/test_undeclared_lowpass.py).
     """
-    rig, before = e.recording.rig, _density(e.fit)
+    rig, before = e.recording.rig, most_noise(e.fit)
     imposed, coloured = _filtered(e)
     named = any(RESONANCE in finding.members for finding in e.scan.found)
     if not e.delayed or any(item.kind == "resonance" for item in rig.output_filters):
         return
     if not (imposed or (coloured and named)):
         return
-    low = () if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
 
     def behind(f0: float, q: float) -> Rig:
-        return replace(
-            rig,
-            lowpass=None,
-            output_filters=(ChannelFilter("resonance", cutoff=f0, quality=q), *low, *rig.output_filters),
-        )
+        resonance = ChannelFilter("resonance", cutoff=f0, quality=q)
+        return replace(rig, lowpass=None, output_filters=(resonance, *rig.passed_by_output))
 
     model = e.model if RESONANCE in e.model.effects else e.model.add(RESONANCE)
     declared, first, second, share = rig, 0.0, 0.0, 1.0
@@ -568,7 +564,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
             lag, rest = fit["time_offset"], fit[RESONANCE]
             first += share * lag.value
             second += share * (rest.value + (0.5 * lag.value**2 if step == 0 else 0.0))
-            if min(first, second) <= 0.0 or (step and RESONANCE_FIRST * _density(fit) > before):
+            if min(first, second) <= 0.0 or (step and RESONANCE_FIRST * most_noise(fit) > before):
                 return
             f0, q, share = 0.5 / (math.pi * math.sqrt(second)), math.sqrt(second) / first, RELAXED
             declared = behind(f0, q)
@@ -576,7 +572,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
                 break
 
         def noise(shift: float) -> float:
-            return _density(_behind(e, e.model, behind(f0 * (1.0 + shift), q)))
+            return most_noise(_behind(e, e.model, behind(f0 * (1.0 + shift), q)))
 
         below, left, above = map(noise, (-0.03, 0.0, 0.03))
         shift = 0.015 * (below**2 - above**2) / max(below**2 - 2.0 * left**2 + above**2, 1e-2 * left**2)
@@ -604,11 +600,6 @@ def _behind(e: Evidence, model: Model, rig: Rig) -> Fit:
     begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
     recordings = [replace(run.recording, rig=rig) for run in e.sources]
     return result(solve_runs(model, recordings, start=begin, end=end, others_whole=True))
-
-
-def _density(fit: Fit) -> float:
-    """Noise density of the noisiest run, (m/s²)/sqrt(Hz)."""
-    return max(run.noise.all.density for run in fit.runs)
 
 
 def engines(e: Evidence) -> Iterator[Remark]:

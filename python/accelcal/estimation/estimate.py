@@ -465,6 +465,11 @@ def estimate(
     return result(solution)
 
 
+def most_noise(fit: Fit) -> float:
+    """Noise density of the noisiest run, (m/s²)/sqrt(Hz)."""
+    return max(run.noise.all.density for run in fit.runs)
+
+
 def solve_runs(
     model: Model,
     sources: Sequence[Source],

@@ -127,8 +127,10 @@ def _segments(channels: tuple[Channel, Channel]) -> Segments:
     return Segments(begin, length, (SEGMENTS - 1) * OVERLAP + 1)
 
 
-def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0) -> Spectrum:
-    """Amplitudes (COLUMNS, f, m) of the derivative of an order of a channel: integrals of window times sine in each
+def amplitudes(
+    channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0, columns: int = COLUMNS
+) -> Spectrum:
+    """Amplitudes (columns, f, m) of the derivative of an order of a channel: integrals of window times sine in each
     segment, and of the window's derivatives, 1/s and 1/s², times sine.
 
     The windows lie later by the delay, s; the sines keep their phase. The derivative falls on the window and the sine:
@@ -137,14 +139,14 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
     w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
     turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
     factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
-    values, rows = np.empty((COLUMNS, len(w), segments.count), dtype=np.complex128), order + COLUMNS
+    values, rows = np.empty((columns, len(w), segments.count), dtype=np.complex128), order + columns
     for i in range(segments.count):
         begin = segments.begin + delay + i * (segments.length / OVERLAP)
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
         t, y = channel.t[first:last], channel.y[first:last]
         tests = window((t - begin) / segments.length)[:rows] / segments.length ** np.arange(float(rows))[:, None]
         sums = turns[:, : len(t)] @ (tests * y).T
-        for column in range(COLUMNS):
+        for column in range(columns):
             total = sum(factor * sums[:, k + column] for k, factor in enumerate(factors))
             values[column, :, i] = step * total * np.exp(-1j * w * t[0])
     return values
@@ -153,7 +155,7 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
 def _reference_noise(channel: Channel, segments: Segments) -> float:
     """Mean power of the windowed channel where its band ends: noise, taken as white."""
     rate = 1.0 / usual_step(channel.t)
-    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0)[0]
+    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0, columns=1)[0]
     return float(np.median(np.abs(at_the_end) ** 2)) / math.log(2.0)
 
 
@@ -169,7 +171,7 @@ def _points(
     factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
     undone = reference.polarity / reference.filters(frequencies)
     raw = undone[:, None] * amplitudes(channels[1], segments, frequencies, reference.order)
-    outputs = amplitudes(channels[0], segments, frequencies, 0, delay)[0]
+    outputs = amplitudes(channels[0], segments, frequencies, 0, delay, columns=1)[0]
     together = np.concatenate([outputs[None], raw]).reshape(-1, segments.count)
     whitened = scipy.linalg.solve_triangular(factor, together.T, lower=True).T.reshape(1 + COLUMNS, -1, segments.count)
     of_noise = segments.count * noise * np.abs(undone) ** 2 * (2.0 * math.pi * frequencies) ** (2 * reference.order)

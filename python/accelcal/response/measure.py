@@ -14,7 +14,6 @@ from accelcal._support.result import Storable
 from accelcal._support.values import immutable
 from accelcal.data import (
     POSITION_ORDER,
-    ChannelFilter,
     Recording,
     RecordingError,
     high_passes,
@@ -24,7 +23,7 @@ from accelcal.data import (
 )
 from accelcal.diagnosis.left_out import without_wrong_readings
 from accelcal.diagnosis.policy import DATA_SHEET_NOISE_RATIO
-from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.estimate import Fit, estimate, most_noise
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.io.write import filter_entries
 from accelcal.model import Model
@@ -93,10 +92,7 @@ def cross_check(recording: Recording, points: Sequence[Point], model: ResponseMo
         fit = estimate(Model.linear(), recording)
     except (RecordingError, NotIdentifiable) as error:
         return f"no time-domain fit to compare with: {error}"
-    rig = recording.rig
-    filters = list(rig.output_filters)
-    if rig.lowpass is not None:
-        filters.append(ChannelFilter("RC", cutoff=rig.lowpass.cutoff))
+    filters = recording.rig.passed_by_output
     f = np.array([p.frequency for p in points])
     gain, delay = 1.0 + fit["scale_factor"].value, fit["time_offset"].value
     expected = gain * np.exp(-2j * math.pi * f * delay) * response(filters, 1.0 / usual_step(recording.accel.t))(f)
@@ -119,13 +115,12 @@ def cross_check(recording: Recording, points: Sequence[Point], model: ResponseMo
 def _declared_fit(recording: Recording, fit: Fit, model: ResponseModel | None) -> tuple[tuple[float, float], str]:
     """Noise of a fit, and of one with the filters of a structure declared; and how to declare them, if that is less by
     what makes a model inadequate."""
-    noise = max(run.noise.all.density for run in fit.runs)
+    noise = most_noise(fit)
     if model is None or model.best.filters == model.best.behind:
         return (noise, noise), ""
     rig = replace(recording.rig, lowpass=None, output_filters=model.best.filters)
     with suppress(RecordingError, NotIdentifiable):
-        other = estimate(Model.linear(), replace(recording, rig=rig))
-        left = max(run.noise.all.density for run in other.runs)
+        left = most_noise(estimate(Model.linear(), replace(recording, rig=rig)))
         if DATA_SHEET_NOISE_RATIO * left < noise:
             return (noise, left), filter_entries(rig, "accel")["lowpass"] or ""
     return (noise, noise), ""

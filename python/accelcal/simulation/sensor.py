@@ -285,11 +285,7 @@ def _output(
     Ornstein-Uhlenbeck law for the noise. Other declared filters act as `filtered_samples` says.
     """
     if rig.output_filters:
-        chain = (
-            *(() if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)),
-            *rig.output_filters,
-        )
-        return filtered_samples(sensed, t, rate, chain, density, rng)
+        return filtered_samples(sensed, t, rate, rig.passed_by_output, density, rng)
     lowpass, dt = rig.lowpass, 1.0 / rate
     output = sensed(t) if lowpass is None else _low_passed(sensed, t, dt, lowpass.tau)
     return output + _sensor_noise(len(t), dt, density, lowpass, rng)

@@ -94,8 +94,8 @@ def vibration(reference, low, high, rate=2500.0, seconds=1.5, corners=(0.0, 0.0)
     if reference == "position":
         return ac.Recording.from_arrays(t, output, read, units=units)
     channel = Channel(reference, t, read, {"velocity": "m/s", "reference_acceleration": "m/s^2"}[reference])
-    one = ac.Recording.from_arrays(t, output, np.zeros_like(t), units=units)
-    return dataclasses.replace(one, reference=channel, position=integrated(channel))
+    record = ac.Recording.from_arrays(t, output, np.zeros_like(t), units=units)
+    return dataclasses.replace(record, reference=channel, position=integrated(channel))
 
 
 @pytest.mark.parametrize("reference", ["position", "velocity", "reference_acceleration"])
@@ -107,15 +107,17 @@ def test_a_motion_that_lies_above_a_twentieth_of_the_rate_is_resolved(reference)
 
 def test_an_acceleration_behind_a_high_pass_is_a_reference_however_good():
     """It was refused, since the positions that are made of it were too good for the replay."""
-    one = vibration("reference_acceleration", 10.0, 100.0, seconds=3.0)
-    rig = dataclasses.replace(one.rig, position_filters=(ChannelFilter("RC", "highpass", 0.5),))
-    fitted = ac.fit(dataclasses.replace(one, rig=rig), reject_outliers=False)
+    record = vibration("reference_acceleration", 10.0, 100.0, seconds=3.0)
+    rig = dataclasses.replace(record.rig, position_filters=(ChannelFilter("RC", "highpass", 0.5),))
+    fitted = ac.fit(dataclasses.replace(record, rig=rig), reject_outliers=False)
     assert fitted["scale_factor"].value == pytest.approx(0.02, abs=1e-3)
 
 
 def test_readings_behind_a_high_pass_that_has_not_settled_are_related():
     """A record that begins in the middle of a vibration: what the start adds was taken for another stage's motion."""
-    one = vibration("reference_acceleration", 10.0, 100.0, rate=500.0, seconds=24.0, corners=(0.3, 0.1))
+    record = vibration("reference_acceleration", 10.0, 100.0, rate=500.0, seconds=24.0, corners=(0.3, 0.1))
     high = [(ChannelFilter("RC", "highpass", corner),) for corner in (0.3, 0.1)]
-    one = dataclasses.replace(one, rig=dataclasses.replace(one.rig, output_filters=high[0], position_filters=high[1]))
-    assert not examine(one).source.recording.left_out
+    record = dataclasses.replace(
+        record, rig=dataclasses.replace(record.rig, output_filters=high[0], position_filters=high[1])
+    )
+    assert not examine(record).source.recording.left_out
