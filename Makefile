@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all coverage mutants test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel release-check constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads bench-tracked bench-allan
+.PHONY: help demo docs pages paper test test-rest test-all figures coverage mutants test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel release-check constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads bench-tracked bench-allan
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -43,6 +43,9 @@ test-durations: $(STAMP) ## Measure the processor time of every test and write t
 	rm -rf build/durations
 	ACCELCAL_DURATIONS=build/durations $(RUN_TESTS) $(PYTEST)
 	$(BIN)/python -m tests.tiers build/durations
+
+figures: $(STAMP) ## Are the results on short records of many kinds what they were, number by number? ARGS=write writes them anew.
+	$(if $(ARGS),$(BIN)/python -m tests.workflow.test_figures,$(RUN_TESTS) tests/workflow/test_figures.py)
 
 coverage: $(STAMP) ## Lines of the package that the fast tests run, by folder.
 	$(BIN)/python -m pip install --quiet pytest-cov

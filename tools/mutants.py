@@ -5,8 +5,8 @@ make mutants        # or: python tools/mutants.py --count 200 --seed 1 --out bui
 
 Each mutant changes one operator, comparison, condition or number in a line of `estimation` or `diagnosis` that a test
 runs, by a coverage file with a context for each test. It is run against 100 tests at most that reach the line, those of
-its folder first, in a copy of the tree: half a minute. A line of the output is one mutant; an interrupted run goes on
-where it stopped. The exit code is 1 where fewer than 85 % are noticed.
+its folder first, and against the figures of tests/workflow, in a copy of the tree: half a minute. A line of the output
+is one mutant; an interrupted run goes on where it stopped. The exit code is 1 where fewer than 85 % are noticed.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import coverage
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("estimation", "diagnosis")
 MOST_TESTS, SECONDS = 100, 240.0
+FIGURES = "tests/workflow/test_figures.py"
 LEAST_NOTICED = 0.85
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub,
@@ -134,7 +135,7 @@ def outcome(tree: Path, mutant: dict[str, object]) -> str:
     environment = os.environ | {"PYTHONPATH": str(tree / "python"), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
-            [*command, *mutant["tests"]],  # type: ignore[misc]
+            [*command, FIGURES, *mutant["tests"]],  # type: ignore[misc]
             cwd=tree,
             env=environment,
             capture_output=True,
