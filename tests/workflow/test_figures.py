@@ -156,7 +156,7 @@ def declared(**settings: Any) -> Rig:
     return Rig(sensor=Sensor(noise=0.02 * math.sqrt(2.0 / 200.0), range=50.0), **settings)
 
 
-def walk(m: Motion, size: float) -> np.ndarray:
+def wiener_process(m: Motion, size: float) -> np.ndarray:
     return np.cumsum(m.rng.standard_normal(len(m.t))) * size * math.sqrt(m.t[1])
 
 
@@ -191,7 +191,7 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
     "a declared low-pass": lambda: improved(replace(simulated("tones", 16, cubic=2e-3))),
     "a resonance": lambda: improved(record(17, resonated)),
     "a step of the bias": lambda: improved(record(19, lambda m: np.where(m.t > 12.0, 0.01, 0.0))),
-    "a walk of the bias": lambda: improved(record(20, lambda m: walk(m, 4e-3))),
+    "a walk of the bias": lambda: improved(record(20, lambda m: wiener_process(m, 4e-3))),
     "noise of motion": lambda: improved(record(21, lambda m: 0.02 * np.abs(m.v) * m.rng.standard_normal(len(m.t)))),
     "hysteresis": lambda: improved(record(22, lambda m: 0.03 * np.sign(m.v) * np.sqrt(np.abs(m.a)))),
     "the rail": lambda: improved(record(23, lambda m: 9.8 * 1e-3 * np.sin(2.0 * np.pi * m.p / 0.05))),
