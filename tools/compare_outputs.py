@@ -16,7 +16,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -109,79 +109,6 @@ def differences(a: Any, b: Any, rtol: float, at: str = "") -> Iterator[str]:
         yield f"{at}: {a!r} -> {b!r}"
 
 
-COMPARED = (
-    *("one_step_rms_m one_step_rms", "nis nis", "coast_rms_m coast_rms", "coast_frozen_rms_m coast_frozen_rms"),
-    *("coast_floor_m coast_floor", "coast_starts coast_starts", "accel_rms_m_per_s2 accel_rms", "band_hz band"),
-    *("simulated_rms_m simulated_rms", "where_it_fails.low worst_regions.low", "where_it_fails.p worst_regions.p"),
-)
-KEYS: Mapping[str, tuple[str, ...]] = {
-    "accelcal/model/2": (
-        *(f"parameters.{key} estimates.{key}" for key in ("name", "value", "std", "unit", "run")),
-        *(f"shapes.{key} shapes.{key}" for key in ("name", "value", "std")),
-        *(f"run_to_run.{key} spreads.{key}" for key in ("name", "value", "low", "high", "p_value", "runs")),
-        *(f"noise_effects.{key} noise_effects.{key}" for key in ("name", "value", "std", "p_value")),
-        *("covariance.matrix covariance", "method method", "validity validity", "tilt_deg tilt", "rig rig"),
-        *("noise.q runs.noise.noise.q", "noise.r runs.noise.noise.r", "noise.crossover_hz runs.noise.crossover"),
-        *(f"noise.{part}.density_m_per_s2_rthz runs.noise.{part}.density" for part in ("all", "rest", "motion")),
-        *("data.sha256 runs.digest", "data.readings runs.readings", "data.log_likelihood runs.log_likelihood"),
-    ),
-    "accelcal/diagnosis/1": (
-        *(
-            "verdict verdict",
-            "effects effects",
-            "breaks breaks",
-            "used used",
-            "alpha alpha",
-            "remarks.code remarks.code",
-        ),
-        *(f"candidates.{key} scan.candidates.{key}" for key in ("effect", "estimate", "std", "p_value", "p_raw")),
-        *("candidates.class scan.candidates.members", "classes.members classes.members"),
-        *(f"channels.{key} channels.{key}" for key in ("effect", "estimate", "std")),
-        *("candidates_examined scan.examined", "detection_limits scan.detection_limits"),
-        *("where.regions.sigma where.worst_regions.sigma", "parameters.value fit.estimates.value"),
-    ),
-    "accelcal/improve/2": (
-        *("verdict verdict", "effects effects", "classes.members classes.members", "candidates_examined examined"),
-        *(f"found.{key} found.{key}" for key in ("estimate", "std", "sigma")),
-        *(f"steps.change.{key} changes.{key}" for key in ("before", "after", "stretches")),
-        *(
-            f"steps.{part}.{old} steps.{part}.{new}"
-            for part in ("train", "heldout")
-            for old, new in map(str.split, COMPARED)
-        ),
-        *("parameters.value diagnosis.fit.estimates.value", "parameters.std diagnosis.fit.estimates.std"),
-    ),
-    "accelcal/power/1": (
-        *("candidates_examined examined", "blocks blocks", "alpha alpha", "ties.members ties.members"),
-        *("effects.effect detectabilities.effect", "effects.d_per_unit detectabilities.d"),
-        *("effects.smallest_detectable detectabilities.smallest", "ties.correlation ties.correlation"),
-        "effects.largest_contribution detectabilities.largest",
-    ),
-}
-"""Paths of the schemas before 3, each beside the path of the same values since, by the name of the schema before."""
-NOT_FINITE = ("NaN", "Infinity", "-Infinity")
-
-
-def values_at(content: Any, path: str) -> list[Any]:
-    """Values at a path through objects and lists, one after the other; what is not finite is None."""
-    key, _, rest = path.partition(".")
-    if isinstance(content, list):
-        return [value for part in content for value in values_at(part, path)]
-    if not path:
-        parts = [*content.values()] if isinstance(content, dict) else [None if content in NOT_FINITE else content]
-        return [value for part in parts for value in values_at(part, path)] if isinstance(content, dict) else parts
-    return values_at(content[key], rest) if isinstance(content, dict) and key in content else []
-
-
-def by_keys(one: Any, two: Any) -> tuple[Any, Any]:
-    """Two contents; where only the first has an earlier schema, the values that both hold, by paths of the second."""
-    schemas = [content.get("schema") if isinstance(content, dict) else None for content in (one, two)]
-    pairs = [pair.split() for pair in KEYS.get(str(schemas[0]), ())]
-    if not pairs or schemas[0] == schemas[1]:
-        return one, two
-    return {new: values_at(one, old) for old, new in pairs}, {new: values_at(two, new) for _, new in pairs}
-
-
 def number(token: str) -> float | str:
     """A hexadecimal constant of C as a number; any other token as it is."""
     try:
@@ -213,7 +140,7 @@ def diff(one: Path, two: Path, rtol: float) -> int:
             if not ((one / file).is_file() and (two / file).is_file()):
                 found.append(f"{file}: only in one of the two")
                 continue
-            found += [f"{file}{line}" for line in differences(*by_keys(read(one / file), read(two / file)), rtol)]
+            found += [f"{file}{line}" for line in differences(read(one / file), read(two / file), rtol)]
         same += not found
         print(f"{name}: {len(files)} files, {'equal' if not found else f'{len(found)} differences'}")
         for line in found[:8]:
