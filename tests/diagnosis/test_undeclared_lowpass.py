@@ -71,9 +71,15 @@ def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_de
     assert not diagnosis.effects
     assert abs(note.values["f0"] - f0) < max(4.0 * note.values["f0_std"], 2e-3 * f0)
     assert abs(note.values["q"] - q) < max(4.0 * note.values["q_std"], 0.02 * q)
-    resonance = ChannelFilter("resonance", cutoff=note.values["f0"], quality=note.values["q"])
-    after, none = said(replace(run, rig=replace(run.rig, output_filters=(resonance,))))
-    print(note.values, after.sentence)
-    assert none is None
-    assert after.verdict == "adequate"
-    assert abs(after.fit["scale_factor"].value - 0.012) < 4.0 * after.fit["scale_factor"].std
+    share = note.values["f0_std"] / note.values["f0"]
+    assert f"tolerance = {share:.2g}" in note.values["entry"]
+    stds = []
+    for tolerance in (None, share):
+        resonance = ChannelFilter("resonance", cutoff=note.values["f0"], quality=note.values["q"], tolerance=tolerance)
+        after, none = said(replace(run, rig=replace(run.rig, output_filters=(resonance,))))
+        assert none is None
+        assert after.verdict == "adequate"
+        assert abs(after.fit["scale_factor"].value - 0.012) < 4.0 * after.fit["scale_factor"].std
+        assert ("sensor_resonance" in after.fit) == (tolerance is not None)
+        stds.append(after.fit["scale_factor"].std)
+    assert stds[1] > 1.1 * stds[0]  # that of f0 is in it

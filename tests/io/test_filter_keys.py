@@ -24,7 +24,7 @@ lowpass = [
     { kind = "butterworth", fc = "50 Hz", order = 4 }, { kind = "bessel", fc = "100 Hz", order = 2, rate = "5 kHz" },
     { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }, { kind = "RC", fc = "300 Hz" },
     { kind = "sinc", length = 16, order = 3, rate = "16670 Hz" }, { kind = "fir", taps = [0.25, 0.5, 0.25] },
-    { kind = "resonance", f0 = "30.12 Hz", Q = 9.8 },
+    { kind = "resonance", f0 = "30.12 Hz", Q = 9.8, tolerance = 0.02 },
 ]
 highpass = { kind = "RC", tau = "1 s" }
 [channels.position]
@@ -52,7 +52,7 @@ def test_every_kind_is_read(tmp_path) -> None:
         ChannelFilter("RC", cutoff=300.0),
         ChannelFilter("sinc", length=16, order=3, rate=16670.0),
         ChannelFilter("fir", b=(0.25, 0.5, 0.25)),
-        ChannelFilter("resonance", cutoff=30.12, quality=9.8),
+        ChannelFilter("resonance", cutoff=30.12, quality=9.8, tolerance=0.02),
     )
     assert [f.kind for f in rig.position_filters] == ["biquad", "RC"]
     assert not rig.coupled
@@ -119,6 +119,7 @@ def simulated_fit():
         ),
         ('lowpass = [{ fc = "9 Hz" }, { fc = "9" }]', "lowpass.2.fc", "expected a frequency"),
         ('lowpass = { kind = "resonance", f0 = "9 Hz" }', "lowpass", "f0 and Q are needed"),
+        ('lowpass = { kind = "resonance", f0 = "9 Hz", Q = 3, tolerance = 2 }', "lowpass", "a share of f0 from 0 to 1"),
         ('lowpass = { kind = "resonance", f0 = "9 Hz", Q = 0 }', "lowpass.Q", "a pure number that is positive"),
         ('highpass = { kind = "resonance", f0 = "9 Hz", Q = 3 }', "highpass", "a spring passes it"),
         ("lowpass = []", "lowpass", "found an empty list"),

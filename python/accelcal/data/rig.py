@@ -54,6 +54,8 @@ class ChannelFilter:
     """Denominator of biquad."""
     quality: float | None = None
     """Quality factor Q of resonance: a mass on a spring, w0²/(s² + w0 s/Q + w0²)."""
+    tolerance: float | None = None
+    """Relative standard uncertainty of the natural frequency of resonance; None: the fit takes it as exact."""
     length: int = 0
     """Samples in one average of sinc."""
     rate: float | None = None
@@ -113,6 +115,8 @@ class ChannelFilter:
         for key, value, unit in (("f0", self.cutoff, " Hz"), ("Q", self.quality, "")):
             if value is None or not (math.isfinite(value) and value > 0.0):
                 raise AccelcalError(f"{key}: found {value!r}{unit}, expected a positive number")
+        if self.tolerance is not None and not 0.0 <= self.tolerance < 1.0:
+            raise AccelcalError(f"tolerance: found {self.tolerance!r}, expected a share of f0 from 0 to 1")
 
     def _check_sinc(self) -> None:
         if self.passes == "highpass":
@@ -334,6 +338,15 @@ class Rig:
     def lowpass_prior(self) -> float:
         """Declared standard deviation of the time constant, s; 0 where none is declared: the fit takes it as exact."""
         return 0.0 if self.lowpass is None else (self.lowpass.tolerance or 0.0) * self.lowpass.tau
+
+    @property
+    def resonance_prior(self) -> float:
+        """Standard deviation of 1/w0² of a declared resonance, s², by its tolerance; 0 where none is declared."""
+        unsure = [
+            2.0 * (item.tolerance or 0.0) / (2.0 * math.pi * (item.cutoff or math.inf)) ** 2
+            for item in self.output_filters
+        ]
+        return max(unsure, default=0.0)
 
     @property
     def coupled(self) -> bool:

@@ -28,7 +28,7 @@ from accelcal.data import (
     usual_step,
     white_variance,
 )
-from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.evidence import DELAY_CLASS, Evidence, noise_ratio
 from accelcal.diagnosis.findings import FILTER_KEYS
 from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
@@ -546,14 +546,14 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     """
     rig, before = e.recording.rig, most_noise(e.fit)
     imposed, coloured = _filtered(e)
-    named = any(RESONANCE in finding.members for finding in e.scan.found)
+    named = any(member in DELAY_CLASS for finding in e.scan.found for member in finding.members)
     if not e.delayed or any(item.kind == "resonance" for item in rig.output_filters):
         return
     if not (imposed or (coloured and named)):
         return
 
-    def behind(f0: float, q: float) -> Rig:
-        resonance = ChannelFilter("resonance", cutoff=f0, quality=q)
+    def behind(f0: float, q: float, tolerance: float | None = None) -> Rig:
+        resonance = ChannelFilter("resonance", cutoff=f0, quality=q, tolerance=tolerance)
         return replace(rig, lowpass=None, output_filters=(resonance, *rig.passed_by_output))
 
     model = e.model if RESONANCE in e.model.effects else e.model.add(RESONANCE)
@@ -585,7 +585,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
         if DATA_SHEET_NOISE_RATIO * left < before and spread < RESONANCE_SPREAD:
             f0 = float(f"{f0 * (1.0 + shift):.4g}")
             values = {"f0": f0, "f0_std": spread * f0, "q": q, "q_std": math.hypot(spread, of_first) * q}
-            entry = filter_entries(behind(f0, float(f"{q:.4g}")), "accel")["lowpass"]
+            entry = filter_entries(behind(f0, float(f"{q:.4g}"), float(f"{spread:.2g}")), "accel")["lowpass"]
             yield remark("undeclared_resonance", **values, before=before, left=left, entry=str(entry))
 
 

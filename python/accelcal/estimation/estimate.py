@@ -431,7 +431,7 @@ def estimate(
     recordings : one or several runs. Each is whitened on its own; their information adds up. Parameters of the
         sensor are shared, those of timing belong to each run. Reversed mounts together with normal ones add `tilt`,
         rolled with normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance adds
-        `lowpass_error` with that tolerance as its prior.
+        `lowpass_error`, a resonance with one `sensor_resonance`, with that tolerance as its prior.
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
@@ -909,9 +909,12 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
         else:
             model = model.add(*missing, priors=away) if missing else model
             model = of_triad(model) if any(r.axis for r in recordings) else model
-    unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
-    if unsure > 0.0 and "lowpass_error" not in model.effects:
-        model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
+    unsure = {
+        "lowpass_error": max((r.rig.lowpass_prior for r in recordings), default=0.0),
+        "sensor_resonance": max((r.rig.resonance_prior for r in recordings), default=0.0),
+    }
+    priors = {name: Prior(0.0, std) for name, std in unsure.items() if std > 0.0 and name not in model.effects}
+    model = model.add(*priors, priors=priors) if priors else model
     return model.add(*extra) if extra else model
 
 

@@ -501,7 +501,7 @@ _FILTERS: dict[str, tuple[tuple[str, ...], set[str], str]] = {
     "butterworth": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
     "bessel": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
     "resonance": (
-        ("f0", "Q"),
+        ("f0", "Q", "tolerance"),
         {"f0", "Q"},
         'f0 and Q are needed, e.g. {passes} = {{ kind = "resonance", f0 = "120 Hz", Q = 10 }}',
     ),
@@ -561,7 +561,8 @@ def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
         quality=values.get("Q"),
         length=values.get("length", 0),
         rate=values.get("rate"),
-    ), values.get("tolerance")
+        tolerance=values.get("tolerance") if kind == "resonance" else None,
+    ), values.get("tolerance") if kind != "resonance" else None
 
 
 def _filters(passes: Pass) -> _Check:

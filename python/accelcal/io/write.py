@@ -289,6 +289,7 @@ def _filter(declared: ChannelFilter) -> str:
         "kind": f'"{declared.kind}"',
         "fc" if declared.quality is None else "f0": _amount(declared.cutoff, "Hz"),
         "Q": None if declared.quality is None else repr(declared.quality),
+        "tolerance": None if declared.tolerance is None else repr(float(declared.tolerance)),
         "length": str(declared.length) if declared.length else None,
         "order": str(declared.order) if declared.kind in ("butterworth", "bessel", "sinc") else None,
         **{key: f"[{', '.join(map(repr, values))}]" if values else None for key, values in numbers.items()},
