@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tempfile
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -23,9 +24,14 @@ from scipy.signal import lfilter
 import accelcal as ac
 from accelcal.data import ChannelFilter, Rig, Sensor
 from accelcal.simulation import CXL02_RIG
+from tests.estimation.arms import Rigged
+from tests.estimation.arms import record as of_arm
+from tests.estimation.test_dwells import TRUTH as TUMBLED
+from tests.estimation.test_dwells import tumble
+from tests.estimation.triads import Triad
 
 FILE = Path(__file__).with_name("figures.json")
-TOLERANCE = 1e-3
+TOLERANCE = 2e-3
 """Of a sum of relative changes; other kernels of BLAS and NumPy move one by 1e-4 at most (OPENBLAS_CORETYPE,
 NPY_DISABLE_CPU_FEATURES), since shapes of candidates that nearly nothing determines are sought on a flat likelihood."""
 DEPTH = 2
@@ -160,6 +166,53 @@ def wiener_process(m: Motion, size: float) -> np.ndarray:
     return np.cumsum(m.rng.standard_normal(len(m.t))) * size * math.sqrt(m.t[1])
 
 
+def curve(run: ac.Recording) -> Iterator[Any]:
+    fit = ac.fit(run)
+    yield ac.formulas(fit, run, "shape_of_acceleration")
+
+
+def static(dwells: ac.Dwells) -> Iterator[Any]:
+    fit = ac.fit(dwells)
+    yield from (fit, ac.diagnose(fit, dwells))
+
+
+def written(rig: Rigged, folder: Path) -> Path:
+    of_arm(rig, folder)
+    return folder / "arm.csv"
+
+
+def turned(truth: Any, write: Callable[[Any, Path], Path], load: Callable[[Path], Any]) -> Iterator[Any]:
+    """Results of a simulator of bodies that turn, by a file of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording = load(write(truth, Path(folder)))
+    fit = ac.fit(recording)
+    yield from (fit, ac.diagnose(fit, recording))
+
+
+def differing_runs(count: int) -> Iterator[Any]:
+    """Runs whose bias and delay differ, each with another number."""
+    runs = []
+    for n in range(count):
+        run = record(40 + n, lambda m, n=n: 3e-3 * (n - 2) ** 2 + 0.0 * m.t)
+        shifted = replace(run.position, t=run.position.t + 5e-4 * n)
+        runs.append(replace(run, position=shifted, name=f"run {n}", digest=f"{n}"))
+    fit = ac.fit(runs)
+    yield from (fit, ac.diagnose(fit, runs), ac.compare(fit, runs[:2], horizons=(1.0,)))
+
+
+def planned() -> Iterator[Any]:
+    rig, limits = declared(reading_noise=2e-5), {"stroke": 0.3, "v_max": 0.8, "a_max": 8.0}
+    yield ac.plan(["quadratic", "velocity"], seconds=20.0, rig=rig, **limits)
+    tied = record(20, lambda m: wiener_process(m, 4e-3))
+    yield ac.next_experiments(ac.diagnose(ac.fit(tied), tied), tied)
+
+
+def later(run: ac.Recording, by: float) -> ac.Recording:
+    """The recording with stamps that begin at another time, s."""
+    accel, position = (replace(channel, t=channel.t + by) for channel in (run.accel, run.position))
+    return replace(run, accel=accel, position=position)
+
+
 CASES: dict[str, Callable[[], Iterator[Any]]] = {
     "nothing": lambda: improved(record(1)),
     "declared noise": lambda: improved(record(2, rig=declared(resolution=1e-5))),
@@ -205,6 +258,15 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
     "a model in the weak form": lambda: asked(record(28, lambda m: 5e-4 * m.a**2 + 2e-4 * m.a**3), method="weak"),
     "a part of a record": lambda: asked(record(29), start=4.0, end=21.0),
     "a filter of the paper": lambda: iter([ac.fit(record(30, seconds=10.0), method=ac.FilterChoice(order=2))]),
+    "a curve and its formulas": lambda: curve(record(33, lambda m: 0.03 * np.sin(1.5 * m.a))),
+    "a tumble test": lambda: static(tumble(np.random.default_rng(34), truth={**TUMBLED, "cubic": 9e-5})),
+    "three outputs": lambda: turned(
+        Triad(35, law=lambda t, f, warm: 1e-4 * f**3, seconds=30.0), Triad.write, ac.load_axes
+    ),
+    "an arm": lambda: turned(Rigged(seed=36, quadratic=2e-3, keys={"arm_std": '"1 um"'}), written, ac.load),
+    "runs that differ": lambda: differing_runs(5),
+    "a planned experiment": planned,
+    "stamps of a day": lambda: improved(later(spoilt(37), 5e4)),
     "samples as they are": lambda: iter([ac.fit(spoilt(31), reject_outliers=False)]),
 }
 
