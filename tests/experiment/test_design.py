@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.experiment import Limits, plan
+from accelcal.diagnosis.experiment import Limits, plan, set_points_of
 from accelcal.diagnosis.experiment.design import PATTERNS, Recipe, build
 from accelcal.diagnosis.search.confounding import TIED_CORRELATION
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
@@ -76,7 +76,7 @@ def test_a_plan_for_position_moves_and_a_plan_for_acceleration_shakes():
 
 
 def test_set_points_are_the_motion(odd):
-    t, p = odd.set_points(500.0)
+    t, p = set_points_of(odd.motion, 500.0)
     assert (t[0], t[-1], len(t)) == (0.0, 30.0, 15001)
     np.testing.assert_array_equal(p, odd.motion.position(t))
 

@@ -12,7 +12,7 @@ from scipy.stats import binom, norm
 
 import accelcal as ac
 from accelcal.data.rig import Rig, Sensor
-from accelcal.diagnosis.experiment import power, power_of_motion, predicted_detection, through
+from accelcal.diagnosis.experiment import power, power_of_motion, through
 from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.experiment.power_analysis import (
     detectability_of,
@@ -22,7 +22,7 @@ from accelcal.diagnosis.experiment.power_analysis import (
     with_drift,
 )
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.search.beam import entry_gains, least_distance
+from accelcal.diagnosis.search.beam import entry_gains
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import BUILT_IN
 from accelcal.model import Model
@@ -32,7 +32,7 @@ from accelcal.simulation.sensor import PARAMETERS, Truth
 from tests.consistency.cramer_rao import bound
 from tests.worlds import World
 
-from .trials import Pair, fitted, found
+from .trials import Pair, fitted, found, least_distance, predicted_detection
 
 PLAIN = Rig(sensor=Sensor(noise=2e-3), resolution=1e-6)
 """No low-pass, so that nothing but the base is projected out."""

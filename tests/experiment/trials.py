@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from functools import cache, lru_cache
 
 import numpy as np
+from scipy.stats import ncx2
 
 from accelcal import io
 from accelcal.diagnosis.experiment import Plan, plan
 from accelcal.diagnosis.experiment.detectability import DetectionModel
 from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.search.beam import least_distance
+from accelcal.diagnosis.search.beam import distance_for_gain, entry_gains
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import scan
 from accelcal.estimation.estimate import solve_runs
@@ -35,6 +36,17 @@ RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
 
 Row = tuple[float, bool]
 """Predicted probability of detection, and whether anything was found."""
+
+
+def predicted_detection(d: float, examined: int, alpha: float, **costs: int) -> float:
+    """Probability that an effect enters on its own at `d` standard deviations from zero; costs as of `entry_gains`."""
+    required = max(entry_gains(examined, **{"blocks": 2} | costs, alpha=alpha))
+    return float(ncx2.sf(required, costs.get("dof", 1), d**2 + 1e-300))
+
+
+def least_distance(examined: int, blocks: int, alpha: float, dof: int = 1) -> float:
+    """Distance from zero, in standard deviations, at which an effect enters on its own in 19 of 20 records."""
+    return distance_for_gain(max(entry_gains(examined, blocks, alpha, dof=dof)), dof)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from accelcal import verbs
 from accelcal.diagnosis.select.improvement import Step
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.differences import heldout_change, paired_change
+from accelcal.validation.differences import PairedStretches, heldout_change
 from accelcal.validation.noise_floor import Ruler
 from accelcal.verbs import heldout_rises
 
@@ -71,9 +71,9 @@ def test_a_paired_change_is_as_uncertain_as_it_says():
     for _ in range(400):
         shared = rng.standard_normal(900)
         before, after = (shared + 0.2 * rng.standard_normal(900) for _ in range(2))
-        alarms += abs(paired_change("drift", t, before, after, 0.5).sigma) > 2.0
+        alarms += abs(PairedStretches.of("drift", t, before, after, 0.5).change().sigma) > 2.0
     assert alarms <= 44
-    worse = paired_change("drift", t, shared, 1.2 * shared, 0.5)
+    worse = PairedStretches.of("drift", t, shared, 1.2 * shared, 0.5).change()
     assert worse.sigma > 5.0
     assert worse.percent == pytest.approx(20.0)
 

@@ -333,19 +333,6 @@ class PairedStretches:
         return HeldOutChange(self.measure, math.sqrt(before), math.sqrt(after), std, n, self.unit, ratio)
 
 
-def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: float) -> HeldOutChange | None:
-    """Change of the mean square of errors that are paired in time; None where there are too few independent ones.
-
-    Parameters
-    ----------
-    measure : what the errors are, for people.
-    t : instants, rising, (n,) s.
-    before, after : errors of two models at these instants, (n,) m each.
-    stretch : time over which errors are averaged, s; longer than they depend on each other.
-    """
-    return PairedStretches.of(measure, t, before, after, stretch).change()
-
-
 def paired_stretches(before: Evaluation, after: Evaluation, horizon: float | None) -> PairedStretches | None:
     """Errors of two comparisons on the same data under one ruler: drifts, or one-step errors for None.
 

@@ -6,7 +6,6 @@ from accelcal.diagnosis.experiment.detectability import Detectability, Group, Po
 from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
 from accelcal.diagnosis.experiment.next_runs import Cause, Experiment, NextExperiments, next_experiments
 from accelcal.diagnosis.experiment.power_analysis import power, power_of_motion, power_of_set_points, through
-from accelcal.diagnosis.search.beam import predicted_detection
 
 __all__ = [
     "Cause",
@@ -25,7 +24,6 @@ __all__ = [
     "power",
     "power_of_motion",
     "power_of_set_points",
-    "predicted_detection",
     "set_points_of",
     "through",
 ]

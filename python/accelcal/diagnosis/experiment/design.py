@@ -251,10 +251,6 @@ class Plan(Result):
             s.seen for s in self.detectabilities
         )
 
-    def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
-        """Times (n,) s and positions (n,) m to drive the stage through."""
-        return set_points_of(self.motion, rate)
-
 
 def set_points_of(motion: Motion, rate: float = 1000.0) -> tuple[Array, Array]:
     """Times (n,) s and positions (n,) m of a motion."""

@@ -354,8 +354,7 @@ class Power(Result):
 
         Rivals share its signature in part and have their own share of the noise, so one of them may enter where the
         effect just fails; the search refines shapes and divides significance by the scatter of blocks. All of that is
-        simulated (:mod:`accelcal.diagnosis.experiment.detectability`); `predicted_detection` is the probability that an
-        effect enters on its own.
+        simulated (:mod:`accelcal.diagnosis.experiment.detectability`).
 
         Parameters
         ----------

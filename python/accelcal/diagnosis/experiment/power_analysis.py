@@ -282,6 +282,7 @@ def power_of_motion(
     accel_rate: float = ACCEL_RATE,
     position_rate: float = POSITION_RATE,
     encoder_noise: float | None = None,
+    extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
 ) -> Power:
     """Detection limits of a planned motion: smallest detectable size of every effect, and the effects that it
@@ -296,6 +297,7 @@ def power_of_motion(
     accel_rate, position_rate : Hz.
     encoder_noise : standard deviation of a reading before it is rounded, m; by default as declared, else one step of
         the encoder.
+    extra : effects of the user's own, next to the catalogue.
     alpha : family-wise false-alarm rate of `diagnose`.
 
     Raises
@@ -315,9 +317,9 @@ def power_of_motion(
     """
     model = Model.linear() if model is None else model
     length = motion.seconds if seconds is None else seconds
-    noise = planned_noise(rig, encoder_noise)
+    noise = planned_noise(rig, encoder_noise, name=motion.name or "planned motion")
     state = planned_state(motion, rig, length, noise, model, accel_rate, position_rate)
-    return with_drift(detectability_of(state, model, alpha=alpha))
+    return with_drift(detectability_of(state, model, extra, alpha))
 
 
 def power_of_set_points(
@@ -332,11 +334,8 @@ def power_of_set_points(
     alpha : family-wise false-alarm rate of `diagnose`.
     """
     t, p = recording.position.t, recording.position.y
-    motion = through(t, p, recording.name)
-    rate = 1.0 / median_step(t)
-    model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
-    state = planned_state(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
-    return with_drift(detectability_of(state, model, extra, alpha))
+    motion, rate = through(t, p, recording.name), 1.0 / median_step(t)
+    return power_of_motion(motion, recording.rig, accel_rate=2.0 * rate, position_rate=rate, extra=extra, alpha=alpha)
 
 
 def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:

@@ -106,41 +106,6 @@ def saturated(gain: float) -> float:
     return INDEPENDENT_PIECES * math.log1p(max(gain, 0.0) / INDEPENDENT_PIECES)
 
 
-def predicted_detection(
-    d: float,
-    examined: int,
-    alpha: float,
-    *,
-    dof: int = 1,
-    blocks: int = 2,
-    comparisons: int = 1,
-) -> float:
-    """Probability that an effect enters on its own, at a distance of `d` standard deviations from zero.
-
-    The other parameters are those of :func:`entry_gains`.
-
-    Examples
-    --------
-    >>> [round(predicted_detection(d, examined=96, alpha=0.005), 2) for d in (0.0, 3.0, 4.05, 10.0)]
-    [0.0, 0.15, 0.5, 1.0]
-    """
-    required = max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons))
-    return 1.0 - float(special.chndtr(required, dof, d**2))
-
-
-def least_distance(examined: int, blocks: int, alpha: float, *, dof: int = 1, comparisons: int = 1) -> float:
-    """Distance from zero, in standard deviations, at which an effect enters on its own with probability
-    `DETECTION_PROBABILITY`.
-
-    Examples
-    --------
-    >>> d = least_distance(96, 240, 0.005)
-    >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
-    0.95
-    """
-    return distance_for_gain(max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons)), dof)
-
-
 def distance_for_gain(gain: float, dof: int) -> float:
     """Distance from zero, in standard deviations, at which an effect of `dof` coefficients gains `gain` or more with
     probability `DETECTION_PROBABILITY`."""
