@@ -333,7 +333,7 @@ def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("axle", "expected"), [(0.0, [0.008]), (1.0, [0.008 / np.cos(1.0)]), (0.5 * np.pi, [])])
 def test_an_angle_zero_is_judged_about_every_axle_but_a_vertical_one(axle: float, expected: list[float]) -> None:
     origin = Origin(scales={"angle": (-20000 / (2.0 * np.pi), "count")})
-    run = SimpleNamespace(rig=ac.Rig(arm=0.2, axle=axle), recording=SimpleNamespace(name="arm", origin=origin))
+    run = SimpleNamespace(rig=ac.Rig(arm=0.2, axle=axle), recording=SimpleNamespace(title="arm", origin=origin))
     estimate = SimpleNamespace(name="axle_tilt.cos", run=None, value=0.008)
     remarks = list(far_zeros([estimate], [run]))
     assert [note.values["degrees"] for note in remarks] == pytest.approx(np.degrees(expected).tolist())

@@ -122,9 +122,7 @@ def accepts(hint: Any, value: object) -> bool:
         return any(accepts(option, value) for option in inside)
     if origin is Literal:
         return isinstance(value, str | int | float | NoneType) and value in inside
-    if hint is Any or isinstance(hint, TypeVar | str):
-        return True
-    if getattr(origin or hint, "_is_protocol", False):
+    if hint is Any or isinstance(hint, TypeVar | str) or getattr(origin or hint, "_is_protocol", False):
         return True  # what is like an array is judged by numpy
     if hint is float:
         return isinstance(value, numbers.Real) and not isinstance(value, bool | np.timedelta64)

@@ -73,7 +73,6 @@ def diagnose(
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
     from accelcal.data.recording import with_dwells
-    from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.diagnosis.verdict import AxesDiagnosis
 
     fitted, sizes = model_file.load(model), size_priors_of(prior)
@@ -89,7 +88,7 @@ def diagnose(
     if isinstance(recordings, data.Dwells):
         if holdout is not None or prior is not None:
             raise UsageError("--holdout and --prior need a recording of a motion; these are dwells alone")
-        judged = diagnose_dwells(fitted, recordings)
+        judged = verbs.diagnose(fitted, recordings)
         deliver(judged, printing.show, output, json)
         if judged.members and not json:
             suggest("add", model, *runs, "--effect", judged.members[0], "-o", f"{model.stem}_{judged.members[0]}.json")

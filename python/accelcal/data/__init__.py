@@ -10,8 +10,10 @@ from accelcal.data.arrays import (
     median_step,
     root_mean_square,
     running_integral,
+    runs_of,
     unit_diagonal,
     white_variance,
+    within_spans,
 )
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup, Positions
@@ -131,11 +133,13 @@ __all__ = [
     "require_usable",
     "root_mean_square",
     "running_integral",
+    "runs_of",
     "unit_diagonal",
     "unsupported",
     "usual_step",
     "usual_unit",
     "white_variance",
+    "within_spans",
 ]
 
 __dir__ = listing(globals())

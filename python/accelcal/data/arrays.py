@@ -1,8 +1,8 @@
-"""Array types, arrays of other packages, answers that stay, and the stretch about a place at which flags hold."""
+"""Array types, arrays of other packages, answers that stay, and the stretches in which flags hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -99,6 +99,25 @@ def unit_diagonal(A: Array) -> tuple[Array, Array]:
     """Symmetric matrix (m, m) scaled to a unit diagonal, and the roots (m,) of its own; empty rows stay empty."""
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return A / np.outer(size, size), size
+
+
+def runs_of(flags: Flags) -> NDArray[np.intp]:
+    """First index of each run of flags (n,) that hold, and the index behind its last, (k, 2).
+
+    Examples
+    --------
+    >>> runs_of(np.array([True, False, True, True])).tolist()
+    [[0, 1], [2, 4]]
+    """
+    return np.flatnonzero(np.diff(flags, prepend=False, append=False)).reshape(-1, 2)
+
+
+def within_spans(spans: NDArray[np.intp] | Iterable[tuple[int, int]], count: int) -> Flags:
+    """Whether each of `count` places lies in a span: from its first index to before its second, (count,)."""
+    inside = np.zeros(count, dtype=np.bool_)
+    for begin, end in spans:
+        inside[begin:end] = True
+    return inside
 
 
 def stretch_about(flags: Flags, at: int) -> tuple[int, int]:

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import units
-from accelcal.data.arrays import Array, median_step, running_integral, stretch_about
+from accelcal.data.arrays import Array, median_step, running_integral, runs_of, stretch_about
 from accelcal.data.rates import MOST_SKEW, OPPOSITE, Rate, Search, search_rates
 from accelcal.data.recording import Channel, RecordingError
 
@@ -668,7 +668,7 @@ def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
     pace = np.diff(t[edges]) / np.diff(edges)
     skew = pace / np.median(pace) - 1.0
     apart = np.abs(skew) > max(SLEWED, STEADY_PARTS * float(np.median(np.abs(skew))))
-    runs = np.flatnonzero(np.diff(apart, prepend=False, append=False)).reshape(-1, 2)
+    runs = runs_of(apart)
     sizes = [skew[a + 1 : b - 1] for a, b in runs] or [skew[:0]]
     size = float(np.median(np.concatenate(sizes))) if min(map(len, sizes)) > 0 else math.inf
     steady = np.convolve(apart, np.ones(3), "same") == 0.0

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.values import amount_of, listing
 from accelcal.data import units
-from accelcal.data.arrays import Array, Flags, median_step
+from accelcal.data.arrays import Array, Flags, median_step, runs_of, within_spans
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
 from accelcal.data.orientation import (
     ACROSS,
@@ -144,7 +144,7 @@ def require_usable(recording: Recording) -> None:
         plausible, stamps that do not rise, or a rate that no sensor has; if the channels share no stretch of time, or
         the output never changes.
     """
-    file = recording.name or "recording"
+    file = recording.title
     for channel in (recording.accel, recording.position, *recording.side.values()):
         t, y = np.asarray(channel.t), np.asarray(channel.y)
         if t.ndim != 1 or t.shape != y.shape or t.dtype.kind not in "fiu" or y.dtype.kind not in "fiu":
@@ -180,7 +180,7 @@ def require_few_holes(recording: Recording, seconds: float, step: float) -> None
     count = len(recording.accel) + len(recording.position)
     if seconds > step * (EVEN_TIMES + 4 * count):
         raise RecordingError(
-            f"{recording.name or 'recording'}: {count} samples and readings, usually {step:.3g} s apart, are spread "
+            f"{recording.title}: {count} samples and readings, usually {step:.3g} s apart, are spread "
             f"over {seconds:.3g} s: the clock jumps, or the recording is mostly gaps. Correct the time column, or use "
             "a part without the jump (--from, --to)."
         )
@@ -534,7 +534,7 @@ def require_varying(recording: Recording) -> None:
     if spread == 0.0 or (stroke is not None and way < LEAST_WAY * stroke):
         within = f" within {spread:.2g} m/s²" if spread else ""
         raise RecordingError(
-            f"{recording.name or 'recording'}: all {len(accel)} samples of {accel.name} read {accel.y[0] + 0.0:.6g} "
+            f"{recording.title}: all {len(accel)} samples of {accel.name} read {accel.y[0] + 0.0:.6g} "
             f"m/s²{within}; expected an output that varies with the motion. Check the sensor's supply and wiring, and "
             "which column is accel"
         )
@@ -556,7 +556,7 @@ def _gaps(name: str, t: Array) -> list[Finding]:
     long = interval > 1.5 * usual + 3.0 * (high - low)
     if not long.any():
         return []
-    edges = np.flatnonzero(np.diff(long, prepend=False, append=False)).reshape(-1, 2)
+    edges = runs_of(long)
     slow = [
         (a, b)
         for a, b in edges[np.ptp(edges, axis=1) >= STEADY]
@@ -573,8 +573,7 @@ def _gaps(name: str, t: Array) -> list[Finding]:
         )
         for a, b in slow
     ]
-    for a, b in slow:
-        long[a:b] = False
+    long &= ~within_spans(slow, len(long))
     if not long.any():
         return findings
     interval = np.where(long, interval, 0.0)
@@ -651,7 +650,7 @@ def repeated_rows(columns: Sequence[Array]) -> list[tuple[int, int]]:
     counts = np.bincount(lags, minlength=1)
     for lag in np.flatnonzero(counts >= np.maximum(STEADY // 4, np.arange(len(counts)) // 2)):
         equal = np.all([y[lag:] == y[:-lag] for y in columns], axis=0)
-        for a, b in np.flatnonzero(np.diff(equal, prepend=False, append=False)).reshape(-1, 2):
+        for a, b in runs_of(equal):
             if STEADY // 4 <= lag <= b - a < 2 * lag and len(np.unique(columns[0][a:b])) > lag // 2:
                 blocks.append((int(a + lag), int(a + 2 * lag)))
     return sorted(blocks)
@@ -792,10 +791,8 @@ def rest(recording: Recording, *, by_output: bool = True) -> list[tuple[float, f
         small &= np.maximum.reduceat(turning, edges) <= STILL_SHARE * float(np.max(turning))
     if by_output:
         small &= _still_output(recording.accel, t[edges])
-    still = np.concatenate(([False], small, [False]))
-    starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
     last = np.append(edges[1:], len(t)) - 1
-    return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in zip(starts, ends, strict=True) if b - a >= 2]
+    return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in runs_of(small) if b - a >= 2]
 
 
 def _still_output(output: Channel, begins: Array) -> Flags:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
+from operator import attrgetter
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
@@ -316,7 +317,7 @@ class Recording(Result):
             if not units.same_unit(channel.unit, unit):
                 scaled = ", with a Rig whose sensor has scale and zero," if channel.unit in ("V", "count") else ""
                 raise RecordingError(
-                    f"{self.name or 'recording'}: {channel.name} is in {channel.unit}; expected {unit}, or a unit that "
+                    f"{self.title}: {channel.name} is in {channel.unit}; expected {unit}, or a unit that "
                     f"converts to it. Recording.from_arrays{scaled} converts it"
                 )
         if np.array_equal(self.accel.t, self.position.t):  # on one clock: one array for both
@@ -415,6 +416,11 @@ class Recording(Result):
     def sums(self) -> tuple[float, float, float, float]:
         """Sums of stamps and values of both channels: an array that was written into shows."""
         return tuple(float(np.sum(y)) for c in (self.accel, self.position) for y in (c.t, c.y))  # type: ignore[return-value]
+
+    @property
+    def title(self) -> str:
+        """Name in messages and tables: "recording" where it has none."""
+        return self.name or "recording"
 
     @property
     def session(self) -> str:
@@ -675,6 +681,7 @@ def together(several: Sequence[Dwells]) -> Dwells:
     first, *others = several
     if not others:
         return first
+    declared = ("sensor.noise", "sensor.bias_instability", "sensor.random_walk", "uncertainty.level")
     for further in others:
         for key, words in (("gravity", "local gravity"), ("angle_std", "an angle_std")):
             if getattr(further, key) != getattr(first, key):
@@ -682,16 +689,12 @@ def together(several: Sequence[Dwells]) -> Dwells:
                     f"{further.name}: {words} of {getattr(further, key):.6g} is declared, but {first.name} has "
                     f"{getattr(first, key):.6g}; dwells of one fit share it: correct [dwell] in one of the sidecars"
                 )
-        for key in ("noise", "bias_instability", "random_walk"):
-            if getattr(further.rig.sensor, key) != getattr(first.rig.sensor, key):
+        for key in declared:
+            if attrgetter(key)(further.rig) != attrgetter(key)(first.rig):
                 raise RecordingError(
-                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare "
-                    "the same in both sidecars"
+                    f"{further.name}: {key} is not that of {first.name}; dwells of one fit share it: declare the same "
+                    "in both sidecars"
                 )
-        if further.rig.uncertainty.level != first.rig.uncertainty.level:
-            raise RecordingError(
-                f"{further.name}: uncertainty.level is not that of {first.name}; declare the same in both sidecars"
-            )
         require_same_sensor(further, first.rig, first.name)
         if further.digest and further.digest in {
             first.digest,

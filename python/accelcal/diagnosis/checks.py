@@ -25,8 +25,10 @@ from accelcal.data import (
     Rig,
     instant,
     median_step,
+    runs_of,
     usual_step,
     white_variance,
+    within_spans,
 )
 from accelcal.diagnosis.evidence import DELAY_CLASS, Evidence, noise_ratio
 from accelcal.diagnosis.findings import FILTER_KEYS
@@ -216,7 +218,7 @@ class SlowResidual:
         name."""
         pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
         values: dict[str, Value] = {
-            "recording": f"{place}{recording.name or 'recording'}",
+            "recording": f"{place}{recording.title}",
             "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
             "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
             "rms": self.rms,
@@ -284,12 +286,9 @@ def disturbed(
     slow = low_pass(residual, 1.0 / step, band)
     slow = np.abs(slow - np.median(slow))
     usual = math.hypot(limit, DATA_SHEET_NOISE_RATIO * floor * math.sqrt(band))
-    marked = np.concatenate([[False], widened(slow > usual, math.ceil(0.5 / (band * step))), [False]])
-    edges = np.flatnonzero(np.diff(marked.astype(np.int8))).reshape(-1, 2)
+    edges = runs_of(widened(slow > usual, math.ceil(0.5 / (band * step))))
     high = [(b, e) for b, e in edges.tolist() if np.max(slow[b:e]) > usual / math.sqrt(DISTURBED_SHARE)]
-    rest = np.ones(len(t), dtype=np.bool_)
-    for begin, end in high:
-        rest[begin:end] = False
+    rest = ~within_spans(high, len(t))
     lasting = max(usual, 0.1 * float(np.max(slow)))  # below it the low-pass spreads what is short
     seconds = np.count_nonzero((slow > lasting) & ~rest) * step
     longest = max(DISTURBED_SHARE * length, DISTURBED_SECONDS * len(high))
@@ -436,9 +435,8 @@ def coloured_position(e: Evidence) -> Iterator[Remark]:
     the readings, whose likelihood must be 1/`FAMILYWISE_ALPHA` times as large (tests/diagnosis/test_position_noise.py).
     """
     fit, span, declared = e.fit, e.span, e.recording.rig.sensor.noise
-    if declared is None or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
-        return
-    if not e.scan.enough or e.recording.reference is not None:
+    judged = e.scan.enough and e.recording.reference is None
+    if declared is None or not judged or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
         return
     step = prepared(e.sources[0], fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
     spectrum = residual_spectrum(compare(fit, e.sources[0], band=BAND_SHARE / step, start=span[0], end=span[1]), step)
@@ -516,9 +514,8 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     slower = delay > find(LAG).shapes["tau"].span(e.signals)[1]  # than the search tries
     imposed, coloured = _filtered(e)
     named = any(LAG in finding.members for finding in e.scan.found)
-    if not e.delayed or rig.output_filters or rig.lowpass is not None:
-        return
-    if not (imposed or coloured if slower else imposed and not named):
+    filtered = imposed or coloured if slower else imposed and not named
+    if not (e.delayed and filtered) or rig.output_filters or rig.lowpass is not None:
         return
     before = most_noise(e.fit)
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
@@ -547,9 +544,8 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     rig, before = e.recording.rig, most_noise(e.fit)
     imposed, coloured = _filtered(e)
     named = any(member in DELAY_CLASS for finding in e.scan.found for member in finding.members)
-    if not e.delayed or any(item.kind == "resonance" for item in rig.output_filters):
-        return
-    if not (imposed or (coloured and named)):
+    filtered = imposed or (coloured and named)
+    if not (e.delayed and filtered) or any(item.kind == "resonance" for item in rig.output_filters):
         return
 
     def behind(f0: float, q: float, tolerance: float | None = None) -> Rig:

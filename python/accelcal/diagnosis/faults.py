@@ -320,25 +320,14 @@ def fault_remarks(listed: Sequence[Fault], length: float, name: str) -> tuple[Re
         groups.setdefault((fault.kind, fault.channel), []).append(fault)
     remarks: list[Remark] = []
     for (kind, channel), members in groups.items():
-        longest = max(members, key=lambda fault: abs(fault.size))
-        values: dict[str, Value] = {
-            "recording": name,
-            "channel": channel,
-            "count": len(members),
-            "longest": longest.size,
-            "time": longest.time,
-        }
-        if kind in LASTING:
-            values["share"] = 100.0 * sum(fault.size for fault in members) / length
-        if len(members) > LISTED_SINGLY:
-            remarks.append(remark(kind, **values))
-        else:
-            singly = values | {"count": 1}
-            for fault in members:
-                singly |= {"longest": fault.size, "time": fault.time}
-                if kind in LASTING:
-                    singly["share"] = 100.0 * fault.size / length
-                remarks.append(Remark(kind, f"{name}: {fault.sentence}", dict(singly)))
+        together = len(members) > LISTED_SINGLY
+        for part in [members] if together else [[fault] for fault in members]:
+            longest = max(part, key=lambda fault: abs(fault.size))
+            values: dict[str, Value] = {"recording": name, "channel": channel, "count": len(part)}
+            values |= {"longest": longest.size, "time": longest.time}
+            if kind in LASTING:
+                values["share"] = 100.0 * sum(fault.size for fault in part) / length
+            remarks.append(remark(kind, **values) if together else Remark(kind, f"{name}: {longest.sentence}", values))
     return tuple(remarks)
 
 
@@ -464,9 +453,8 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     last = -PULSE
     for k in (int(k) for k in high if chance[k] < FAULT_ALPHA and not behind_gap[k]):
         neighbours = slice(max(0, k - PULSE), k + PULSE)
-        if k - last < PULSE or np.max(np.abs(matched[neighbours])) > abs(matched[k]):
-            continue
-        if np.max(np.abs(single[neighbours])) > 1.05 * abs(matched[k]):
+        step_near, spike_near = (np.max(np.abs(y[neighbours])) for y in (matched, single))
+        if k - last < PULSE or step_near > abs(matched[k]) or spike_near > 1.05 * abs(matched[k]):
             continue
         around = residual[max(0, k - PULSE) : k + 2 * PULSE]
         if matched[k] ** 2 < STEP_PULSE_SHARE * float(np.sum(around**2) - len(around) * noise**2):
@@ -962,7 +950,7 @@ class Examined:
     def remarks(self, place: str = "") -> list[Remark]:
         """What was noticed in it: its break, what was left out, and other faults; `place` stands before its name."""
         run, recording = self.judged, self.source.recording
-        name = f"{place}{recording.name or 'recording'}"
+        name = f"{place}{recording.title}"
         end = float(recording.accel.t[-1])
         broken = [
             remark("break", recording=name, time=at, cut=cut_without(recording, [(at, end)])) for at in self.breaks

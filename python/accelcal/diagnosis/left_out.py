@@ -32,6 +32,7 @@ from accelcal.data import (
     require_usable,
     running_integral,
     usual_step,
+    within_spans,
 )
 from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
@@ -100,7 +101,7 @@ def left_out_remarks(
     return [
         remark(
             gap.kind,
-            recording=f"{place}{recording.name or 'recording'}",
+            recording=f"{place}{recording.title}",
             channel=gap.channel,
             count=gap.count,
             of=gap.of,
@@ -157,9 +158,8 @@ def _cleaned(source: Source) -> Recording | None:
         if name == "accel":
             reach += FORGOTTEN * rig.lowpass.tau if rig.lowpass else 0.0
             reach += 0.0 if kind == "denied" else LEFT_OUT_BESIDE * step
-        out = np.zeros(len(channel), dtype=np.bool_)
-        for begin, end in stretches:
-            out[slice(*np.searchsorted(channel.t, [begin - reach, np.nextafter(end + reach, math.inf)]))] = True
+        edges = np.array([[begin - reach, np.nextafter(end + reach, math.inf)] for begin, end in stretches])
+        out = within_spans(np.searchsorted(channel.t, edges), len(channel))
         if not out.any():
             continue
         if len(channel) - np.count_nonzero(out) < 2:

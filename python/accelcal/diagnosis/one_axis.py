@@ -57,7 +57,7 @@ def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
     run = runs[0]
     require_motion(run)
     raise NotIdentifiable(
-        f"{run.recording.name or 'recording'}: at rest throughout: position departs from a steady drift by "
+        f"{run.recording.title}: at rest throughout: position departs from a steady drift by "
         f"{in_usual_unit(departure(run), 'm')} rms, its own noise, and the output explains none of it; acceleration "
         "was not excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
     )
@@ -164,7 +164,7 @@ def require_one_axis(sources: Sequence[Source], *, start: float | None = None, e
         worst = max((band for band in bands if band.observed < band.least), key=lambda band: band.segments)
         searched = "".join(f". {note.text}" for note in recording.findings if note.kind == "rates_searched")
         raise RecordingError(
-            f"{recording.name or 'recording'}: output and position are not one axis of one body: from "
+            f"{recording.title}: output and position are not one axis of one body: from "
             f"{worst.low:.3g} to {worst.high:.3g} Hz both move well above their noise, which would leave a coherence "
             f"of {worst.expected:.2f}, and it is {worst.observed:.2g}. No scale factor, mount or effect is read from "
             "them; check that both channels are of the same run and the same axis"

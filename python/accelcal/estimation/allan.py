@@ -218,7 +218,7 @@ def rest(recording: Recording) -> RestNoise:
     (0.00281, False, False)
     """
     if not (outputs := outputs_of(recording)):
-        place = recording.name or "recording"
+        place = recording.title
         raise RecordingError(f"{place}: no output; expected a channel accel, or accel_x, accel_y and accel_z")
     for channel in outputs:
         require_rest(recording, channel)
@@ -239,7 +239,7 @@ def require_rest(recording: Recording, channel: Channel) -> None:
     RecordingError
         Naming the channel, what is wrong where, and the next step.
     """
-    place, t, y = f"{recording.name or 'recording'}: {channel.name}", channel.t, channel.y
+    place, t, y = f"{recording.title}: {channel.name}", channel.t, channel.y
     if len(t) < FEWEST:
         raise RecordingError(
             f"{place}: {len(t)} samples, expected at least {FEWEST}; record at rest for an hour or longer"
@@ -252,7 +252,7 @@ def require_rest(recording: Recording, channel: Channel) -> None:
     for finding in recording.findings:
         if finding.channel == channel.name and finding.kind in ("saturated", "constant"):
             raise RecordingError(
-                f"{recording.name or 'recording'}: {finding.text.partition('. Every fit')[0]}; expected noise. Check "
+                f"{recording.title}: {finding.text.partition('. Every fit')[0]}; expected noise. Check "
                 "supply, wiring, range and column, and record at rest anew"
             )
     step, cut = median_step(t), f"accelcal cut {recording.origin.given or 'RUN'}"

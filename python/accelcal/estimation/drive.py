@@ -160,7 +160,7 @@ def require_output(run: PreparedRun, values: Values) -> None:
     if abs(values.scale) < LEAST_SCALE:
         cause = suspicion(run.recording)
         raise RecordingError(
-            f"{run.recording.name or 'recording'}: the output is as good as zero beside the acceleration of the "
+            f"{run.recording.title}: the output is as good as zero beside the acceleration of the "
             f"position; check the units of accel and position{': ' * bool(cause)}{cause}"
         )
 

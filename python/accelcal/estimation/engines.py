@@ -257,7 +257,7 @@ class ForwardFilter(Replay):
                 "other noise; fit it by the weak form"
             )
         if refused:
-            raise RecordingError(f"{recording.name or 'recording'}: {refused}")
+            raise RecordingError(f"{recording.title}: {refused}")
         return super().prepare(run)
 
     def result(self, fit: AnyFit, state: RunState) -> AnyFit:
@@ -405,7 +405,7 @@ def weak_form(state: RunState) -> WeakRows:
     try:
         return WeakRows(state).held()
     except NoWeakForm as error:
-        name = state.run.recording.name or "recording"
+        name = state.run.recording.title
         by_replay = "fit it by the replay: accelcal fit RUN --method replay"
         way_out = by_replay if state.run.order == POSITION_ORDER else "use a record that is longer, or whole"
         raise NoWeakForm(f"{name}: no weak form: {error}; {way_out}") from error

@@ -602,9 +602,8 @@ def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | Non
     for index, (source, recording, fitted) in enumerate(zip(sources, recordings, fit.runs, strict=True)):
         run = fit.engine.prepare(prepared(source, fit.origins).but(recording=recording))
         span = (float(run.t[0]), float(run.t[-1]), ENGINES[run.engine].readings(run), len(run.accel.t))
-        if not fitted.digest or fitted.digest != recording.digest:
-            return None
-        if span != (fitted.start, fitted.end, fitted.readings, fitted.samples):
+        of_fit = fitted.digest, (fitted.start, fitted.end, fitted.readings, fitted.samples)
+        if not fitted.digest or of_fit != (recording.digest, span):
             return None
         states.append(state_at(fit, index, run))
     return states
@@ -675,7 +674,7 @@ def result(solution: Solution) -> Fit:
     x, covariance = solution.x, solution.covariance
     runs = [state.run for state in states]
     estimates, covariance_of_means, spreads, at_shapes = over_runs(solution)
-    called = [name_of(run) for run in runs]
+    called = [run.recording.title for run in runs]
     remarks = [
         remark("imposed_band", recording=name, band=b)
         for name, b in zip(called, solution.chosen, strict=False)
@@ -686,13 +685,14 @@ def result(solution: Solution) -> Fit:
         for name, state in zip(called, states, strict=True)
         if state.spectrum is not None and state.band is None
     ]
-    for name, tried in zip(called, solution.by_band, strict=False):
-        remarks += [
-            remark("changes_with_band", recording=name, text=text) for text in [change_with_band(tried)] if text
-        ]
+    remarks += [
+        remark("changes_with_band", recording=name, text=text)
+        for name, tried in zip(called, solution.by_band, strict=False)
+        if (text := change_with_band(tried))
+    ]
     remarks += judge(layout, x, covariance, states)
     remarks += [
-        remark("not_observable", recording=name_of(run), filters=names(high_passes(run.rig.filters)))
+        remark("not_observable", recording=run.recording.title, filters=names(high_passes(run.rig.filters)))
         for run in runs
         if not run.rig.coupled
     ]
@@ -778,7 +778,7 @@ def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Ite
             if e.name == of_zero and e.run in (None, number) and abs(e.value / level) > FAR_ZERO:
                 z, scale = e.value / level, run.recording.origin.scales.get(ANGLE)
                 counts = "" if scale is None else f" ({z * scale[0]:.6g} {scale[1]})"
-                yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), counts=counts)
+                yield remark("angle_zero", recording=run.recording.title, degrees=math.degrees(z), counts=counts)
 
 
 def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...], tuple[float, ...]]:
@@ -870,11 +870,6 @@ def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
     return tuple(covariate for covariate in covariates if covariate is not None)
 
 
-def name_of(run: PreparedRun) -> str:
-    """Name of a run in messages."""
-    return run.recording.name or "recording"
-
-
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     """The model with the effects that turning or rolling the sensor separates, the tilt that a gyroscope shows, the
     lever arm on a tracked body, and the error of the low-pass.
@@ -943,7 +938,7 @@ def require_one_arm(recordings: Sequence[Recording]) -> None:
             sizes = [getattr(r.rig, key) for r in (first, other)]
             if not math.isclose(*(-9.0 if size is None else size for size in sizes), rel_tol=1e-9, abs_tol=1e-9):
                 rigs = [
-                    f"{r.name or 'recording'}: {f'no {key}' if size is None else f'{key} = {by * size:.6g} {unit}'}"
+                    f"{r.title}: {f'no {key}' if size is None else f'{key} = {by * size:.6g} {unit}'}"
                     for r, size in zip((first, other), sizes, strict=True)
                 ]
                 raise RecordingError(
@@ -1019,7 +1014,7 @@ def require_motion(run: PreparedRun) -> None:
     """Refuse a record in which the position never changes, and gravity along the axis does not either."""
     if float(np.ptp(run.z)) == 0.0 and not run.turns:
         raise NotIdentifiable(
-            f"{run.recording.name or 'recording'}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
+            f"{run.recording.title}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
             "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
         )
 
@@ -1049,16 +1044,15 @@ def require_band(run: PreparedRun, band: float | None) -> None:
     ValueError
         With the limits.
     """
-    most = 0.5 / run.reading_step
+    name, most, least = run.recording.title, 0.5 / run.reading_step, 1.0 / float(run.t[-1] - run.t[0])
     if band is not None and not 0.0 < band < most:
         raise AccelcalError(
-            f"{name_of(run)}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
+            f"{name}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
             f"readings, {most:.4g} Hz"
         )
-    least = 1.0 / float(run.t[-1] - run.t[0])
     if band is not None and band < least:
         raise AccelcalError(
-            f"{name_of(run)}: a band of {band:g} Hz is less than one period of the record; take {least:.3g} Hz or more"
+            f"{name}: a band of {band:g} Hz is less than one period of the record; take {least:.3g} Hz or more"
         )
 
 
@@ -1074,7 +1068,7 @@ def require_channels(model: Model, recording: Recording) -> None:
         for name in term.effect.needs:
             if name not in recording.side:
                 raise RecordingError(
-                    f"{recording.name or 'recording'}: {term.effect.name} of the model needs the channel {name}, which "
+                    f"{recording.title}: {term.effect.name} of the model needs the channel {name}, which "
                     "was not recorded; declare it or the orientation in the sidecar, or fit a model without it"
                 )
 
@@ -1095,7 +1089,7 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
     scales = [state.values.scale for state in states]
     for i in rows["scale_factor"]:
         first = layout.slots[i][1][0]
-        scale, std, name = 1.0 + x[i], math.sqrt(covariance[i, i]), name_of(runs[first])
+        scale, std, name = 1.0 + x[i], math.sqrt(covariance[i, i]), runs[first].recording.title
         if std > SCALE_STD_LIMIT * max(1.0, abs(scale)):
             raise NotIdentifiable(
                 f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "

@@ -85,7 +85,7 @@ def suspicion(recording: Recording) -> str:
 
 def turned(recording: Recording, scale: float) -> str:
     """The sentence on an output that runs against the encoder, with the line that mends it."""
-    return f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
+    return f"{recording.title}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
         f"Is a sign of the output or of input_axis swapped, or {other_sense(recording)}" * bool(other_sense(recording))
         or "The sensor is mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
         f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
@@ -243,7 +243,7 @@ def reversed_or_unrelated(recording: Recording, scale: float, std: float) -> str
     unrelated = other_column(recording) or other_sense(recording) or ORIENTED * (GRAVITY in recording.side)
     cause = mistaken(recording, scale) if coherent else unrelated
     return (
-        f"{recording.name or 'recording'}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± "
+        f"{recording.title}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± "
         f"{std:.2g}, where a sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or "
         "effect is read from them; check that both channels are of the same run, axis and unit"
         f"{': ' * bool(cause)}{cause}"
@@ -272,4 +272,4 @@ def gravity_mistaken(recording: Recording, scale: float, constant: float) -> str
         why = f'{along}. A level axis has axis = "level"; else gravity seems to be removed; write in the sidecar'
     elif abs(rig.gravity) < near:
         why = f"close to gravity, {along}. If the axis is vertical, write in the sidecar"
-    return f"{recording.name or 'recording'}: the output has a constant of {constant:.3f} m/s² {why}\n[rig]\n{line}"
+    return f"{recording.title}: the output has a constant of {constant:.3f} m/s² {why}\n[rig]\n{line}"

@@ -573,12 +573,12 @@ def prepare(
     z: Array = np.ascontiguousarray(position.y[every][rows])
     if len(t) < MIN_READINGS:
         raise RecordingError(
-            f"{recording.name or 'recording'}: {len(t)} encoder readings between {instant(first)} s and "
+            f"{recording.title}: {len(t)} encoder readings between {instant(first)} s and "
             f"{instant(last)} s, at least {MIN_READINGS} are needed; record longer or widen start and end (--from, "
             "--to)"
         )
     for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
-        require_pace(recording.name or "recording", name, stamps)
+        require_pace(recording.title, name, stamps)
     step = median_step(accel.t[:4096])
     require_few_holes(recording, last - first, step)
     filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / median_step(t))

@@ -94,7 +94,7 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
             best = cost, float(c[0]), float(c[1]), Noise(noise.q * residual, r * residual)
     if best is None:
         raise RecordingError(
-            f"{run.recording.name or 'recording'}: the record breaks off before any filter has settled, "
+            f"{run.recording.title}: the record breaks off before any filter has settled, "
             f"{int(np.sum(plain.restart))} times in {len(plain.t)} readings; use `accelcal cut` on a whole part"
         )
     _, slope, constant, likely = best

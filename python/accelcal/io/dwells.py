@@ -26,6 +26,7 @@ from accelcal.data import (
     Rig,
     median_step,
     reference_among,
+    runs_of,
     units,
 )
 from accelcal.io.assign import fix
@@ -84,8 +85,7 @@ def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = 3.0) 
         step = float(counts[counts > 0.0][0]) if np.any(counts > 0.0) else 0.0
         floor = max(float(np.quantile(spread, LEAST_NOISY)), step / np.sqrt(12.0))
         quiet &= spread <= factor * floor
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-    intervals = [(int(a) + half, int(b) - 1 + half) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    intervals = [(int(a) + half, int(b) - 1 + half) for a, b in runs_of(quiet)]
     return [(a, b) for a, b in intervals if t[b] - t[a] >= least]
 
 

@@ -45,7 +45,7 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.arrays import Unchanged, median_step, root_mean_square
+from accelcal.data.arrays import Unchanged, median_step, root_mean_square, runs_of, within_spans
 from accelcal.data.clocks import FEWEST, NEAR, THE_OUTPUT, Alignment, lost_rows, relation, restamped
 from accelcal.data.orientation import (
     FASTEST_TURN,
@@ -1253,9 +1253,7 @@ def _once(table: Table, columns: Sequence[Array], findings: list[Finding]) -> Fl
     blocks = quality.repeated_rows(columns) if len({len(y) for y in columns}) == 1 else []
     if not blocks:
         return None
-    once = np.ones(len(columns[0]), dtype=np.bool_)
-    for begin, end in blocks:
-        once[begin:end] = False
+    once = ~within_spans(blocks, len(columns[0]))
     begin, end = blocks[0]
     text = (
         f"{np.count_nonzero(~once)} rows repeat the rows before them ({len(blocks)} blocks, first {table.row(begin)} "
@@ -1310,7 +1308,7 @@ def _part(table: Table, sampled: Mapping[str, Sampled], part: int | None, sideca
             again.setdefault(int(k if places is None else places[k]), (float(t[k - 1]), float(t[k])))
         if len(back):
             reached = np.maximum.accumulate(t)
-            below = np.flatnonzero(np.diff(t < reached, prepend=False, append=False)).reshape(-1, 2)
+            below = runs_of(t < reached)
             short = below[(np.ptp(below, axis=1) <= MOST_STRAYS) & (below[:, 1] < len(t))]
             for first, end in short.tolist():
                 for k in range(first, end):

@@ -296,7 +296,7 @@ def view(content: Content | AxesContent) -> dict[str, Any]:
     d, shown = content.diagnosis, parameters(content)
     fitted = [as_sentence(note.sentence) for note in content.fit.remarks]
     return {
-        "title": f"Accelerometer report: {content.recording.name or 'recording'}",
+        "title": f"Accelerometer report: {content.recording.title}",
         "verdict": d.verdict,
         "badge": VERDICTS[d.verdict],
         "sentence": readable(d.sentence),

@@ -246,9 +246,8 @@ def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyRe
     What `frequency_response` takes for steady sines, but never a spectral estimation.
     """
     used = recorded_reference(recording)
-    if min(map(len, (recording.accel, used.channel))) < CHANNELS:
-        return None
-    if not may_be_stepped(recording.accel, _highest(recording, used)):
+    few = min(map(len, (recording.accel, used.channel))) < CHANNELS
+    if few or not may_be_stepped(recording.accel, _highest(recording, used)):
         return None
     harmonics = _sine(recording, used, "auto", None)
     if len(_distinct([h.point.frequency for h in harmonics])) < FREQUENCIES:

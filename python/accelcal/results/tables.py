@@ -318,9 +318,11 @@ def density_text(level: Level) -> str:
 def rest_notes(report: NoiseReport) -> list[str]:
     """Noise at rest and in motion, where these differ."""
     rest, motion = report.rest, report.motion
-    if rest is None or motion is None:
-        return []
-    if abs(motion.density - rest.density) < DIFFERENT * math.hypot(motion.density_std, rest.density_std):
+    if (
+        rest is None
+        or motion is None
+        or abs(motion.density - rest.density) < DIFFERENT * math.hypot(motion.density_std, rest.density_std)
+    ):
         return []
     return [f"noise at rest {density_text(rest)}, in motion {density_text(motion)}"]
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.data import Array, Flags
+from accelcal.data import Array, Flags, runs_of
 
 HOLE_LEAST = 1.5
 """Spacings of samples from which on an interval counts as a gap."""
@@ -83,8 +83,7 @@ def local_spread(y: Array) -> Array:
 
 def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
     """First and last index of each run of true flags of at least this length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
+    return [(int(a), int(b) - 1) for a, b in runs_of(flags) if b - a >= least]
 
 
 def least_change(y: Array) -> float:
@@ -118,8 +117,7 @@ DEGREE = 5
 def bridged(y: Array, hidden: Flags) -> Array:
     """Uniform samples (n,) with the `hidden` stretches replaced by polynomials through their neighbours."""
     filled = y.copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8)))
-    for begin, end in edges.reshape(-1, 2):
+    for begin, end in runs_of(hidden):
         low, high = max(0, begin - SIDE), min(len(y), end + SIDE)
         x = (np.arange(low, high) - 0.5 * (low + high - 1)) / (0.5 * (high - low))
         visible = ~hidden[low:high]

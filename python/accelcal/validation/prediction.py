@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags, Recording, median_step, root_mean_square
+from accelcal.data import Array, Flags, Recording, median_step, root_mean_square, within_spans
 from accelcal.effects import begins_rested, find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels, settled_state
@@ -400,8 +400,8 @@ class Prediction(DrivenRun):
         run, t, stamps = self.run, self.run.t, self.run.whole.t
         behind = np.diff(t, prepend=t[0]) > HOLE_LEAST * run.reading_step
         gaps = np.flatnonzero(np.diff(stamps) > HOLE_LEAST * run.accel_step)
-        for begin, end in np.searchsorted(t, np.column_stack([stamps[gaps], stamps[gaps + 1]])):
-            behind[begin : end + 1] = True
+        ends = np.column_stack([np.searchsorted(t, stamps[gaps]), np.searchsorted(t, stamps[gaps + 1]) + 1])
+        behind |= within_spans(ends, len(t))
         steps: Flags = self.counts & ~behind
         return steps if steps.any() else self.counts
 

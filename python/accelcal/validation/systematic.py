@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Recording, median_step
+from accelcal.data import Array, Recording, median_step, within_spans
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import Source, recording_of
@@ -138,8 +138,9 @@ class Grid:
         apart = median_step(place)
         every = max(1, int(1.0 / (PER_PERIOD * band * step)))
         used = np.abs(place / every - np.rint(place / every)) < 0.25 * apart / every
-        for hole in np.flatnonzero(np.diff(place) > 1.5 * apart):
-            used[slice(*np.searchsorted(t, [t[hole] - EDGE / band, t[hole + 1] + EDGE / band]))] = False
+        holes = np.flatnonzero(np.diff(place) > 1.5 * apart)
+        beside = np.column_stack([t[holes] - EDGE / band, t[holes + 1] + EDGE / band])
+        used &= ~within_spans(np.searchsorted(t, beside), len(t))
         rows = np.flatnonzero(used)
         if len(rows) > BLOCKS * BLOCK:
             begins = np.linspace(0, len(rows) - BLOCK, BLOCKS).astype(np.intp)

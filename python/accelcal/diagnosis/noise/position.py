@@ -69,11 +69,10 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
     columns = whitened_reading_errors(residuals.state, [np.cos(phase), np.sin(phase)])
     scatter, sizes = steadiness(columns, residuals.readings, residuals)
     gained /= scatter
-    p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
-    if not sizes.homogeneous:
-        p_value = 1.0  # an error of the scale is the same whenever the stage comes by
-    if amplitude < 0.5 * residuals.run.rounding:
-        p_value = 1.0  # rounding to counts is itself a wave over position, and rests sample it at few places
+    # an error of the scale is the same whenever the stage comes by; rounding to counts is itself a wave over position,
+    # and rests sample it at few places
+    possible = sizes.homogeneous and not amplitude < 0.5 * residuals.run.rounding
+    p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained)) if possible else 1.0
     text = "no cyclic error of the encoder"
     parts = {"period": 1.0 / at, "period_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     if p_value < NOISE_TEST_ALPHA:

@@ -72,7 +72,7 @@ def size_priors(
         return None
     sizes: dict[str, SizePrior] = {}
     for recording in recordings:
-        sidecar = recording.origin.sidecar or recording.name or "recording"
+        sidecar = recording.origin.sidecar or recording.title
         for name, text in recording.prior_sizes.items():
             try:
                 effect = find(name)

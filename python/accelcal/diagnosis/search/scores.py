@@ -453,9 +453,8 @@ class CandidateScores:
         if self.items[i].effect.port == "process":
             return variance_gain(A, b)
         gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
-        if chosen and len(b) == 1 and A[0, 0] <= self._degenerate[i] * self.G[columns, columns][0, 0]:
-            return 0.0, 0, estimate, covariance
-        if self.items[i].effect.traits.positive and estimate[0] < 0.0:
+        degenerate = chosen and len(b) == 1 and A[0, 0] <= self._degenerate[i] * self.G[columns, columns][0, 0]
+        if degenerate or (self.items[i].effect.traits.positive and estimate[0] < 0.0):
             return 0.0, 0, estimate, covariance
         rounding = self.rounding[columns]
         if np.any(rounding) and dof:

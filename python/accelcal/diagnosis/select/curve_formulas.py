@@ -559,7 +559,7 @@ def formulas_of(
     others = () if holdout is None else holdout[:1]
     for checked_state in (state, *others):
         if missing := [name for name in curve.needs if name not in checked_state.signals.side]:
-            name = checked_state.run.recording.name or "recording"
+            name = checked_state.run.recording.title
             raise AccelcalError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
     x = value_of(state.signals, curve)
     if not np.ptp(x) > 0.0:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array as Sparse
 
-from accelcal.data import POSITION_ORDER, Array, Flags, median_step
+from accelcal.data import POSITION_ORDER, Array, Flags, median_step, within_spans
 from accelcal.data.clocks import decimal_step
 from accelcal.data.orientation import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, remembers
@@ -401,13 +401,11 @@ class WeakRows:
         again = np.flatnonzero(self.state.drive.restart[1:])
         used = run.t - self._clock
         spans.append(self._readings.around(used[again], used[again + 1], self.rate))
-        whole = np.ones(self.splines.count, dtype=np.bool_)
         if self._unsettled > 0.0:
             starts = t[np.append(0, np.flatnonzero(run.filters.gaps(t)))]
             spans.append(np.column_stack([starts, starts + self._unsettled]))
-        for begin, end in np.concatenate(spans):
-            whole[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
-        return whole
+        reached = np.concatenate(spans) - [self.splines.support, 0.0]
+        return ~within_spans(np.searchsorted(begins, reached), self.splines.count)
 
     def _summed(self) -> tuple[Array, Covariance]:
         """<phi'', z> - <phi, p''(u)> of all rows, and their covariance."""
