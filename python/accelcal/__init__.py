@@ -6,9 +6,9 @@ Examples
 >>> import accelcal as ac
 >>> truth = {"bias": 0.05, "scale_factor": 0.01}
 >>> rng = np.random.default_rng(1)
->>> made = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters=truth, rng=rng)
->>> found = ac.fit(made.recording)
->>> abs(found["scale_factor"].value - 0.01) < 4 * found["scale_factor"].std
+>>> simulated = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters=truth, rng=rng)
+>>> fit = ac.fit(simulated.recording)
+>>> abs(fit["scale_factor"].value - 0.01) < 4 * fit["scale_factor"].std
 True
 """
 

@@ -154,9 +154,9 @@ def diagnose(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> ac.diagnose(fit, made.recording).effects
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> ac.diagnose(fit, simulated.recording).effects
     ('cubic',)
     """
     if isinstance(recordings, Dwells):
@@ -235,9 +235,9 @@ def formulas(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> ac.formulas(fit, made.recording, "shape_of_acceleration").variable
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> ac.formulas(fit, simulated.recording, "shape_of_acceleration").variable
     'acceleration'
     """
     effect, model = find(curve), model_in_motion(fit)
@@ -311,10 +311,10 @@ def fit(
     --------
     >>> import numpy as np
     >>> import accelcal as ac
-    >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters={"bias": 0.05}, rng=rng)
-    >>> found = ac.fit(made.recording)
-    >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
+    >>> truth, rng = {"bias": 0.05}, np.random.default_rng(1)
+    >>> simulated = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> abs(fit["bias"].value - 0.05) < 4 * fit["bias"].std
     True
     """
     engine = engine_named(method)
@@ -465,9 +465,9 @@ def add(
     >>> import accelcal as ac, numpy as np
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> better = ac.add(fit, made.recording, "cubic")
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> better = ac.add(fit, simulated.recording, "cubic")
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
@@ -669,9 +669,9 @@ def drop(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> cubic = ac.fit(made.recording, ac.Model.linear().add("cubic"))
-    >>> ac.drop(cubic, made.recording, "cubic").model.added
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> cubic = ac.fit(simulated.recording, ac.Model.linear().add("cubic"))
+    >>> ac.drop(cubic, simulated.recording, "cubic").model.added
     ()
     """
     if isinstance(at_rest := with_dwells(recordings), Dwells):
@@ -705,8 +705,8 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells | Positions]) -
     >>> import accelcal as ac
     >>> from accelcal.verbs import run_values
     >>> settings = {"seconds": 8.0, "rig": ac.simulation.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
-    >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
-    >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
+    >>> first, second = (ac.simulate("tones", **settings).recording for _ in range(2))
+    >>> bool(run_values(ac.fit([first, second]), [first, second]).p_values.min() > 1e-4)
     True
     """
     runs, _ = used_runs([examine(recording) for recording in runs_of(recordings)], fit)
@@ -761,8 +761,8 @@ def improve(
     --------
     >>> import accelcal as ac, numpy as np
     >>> truth, rng = {"bias": 0.05, "cubic": 1e-3}, np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> ac.improve(made.recording, most=1).effects
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> ac.improve(simulated.recording, most=1).effects
     ('cubic',)
     """
     several = require_one_output(runs_of(recordings))
@@ -908,9 +908,9 @@ def nested(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording, ac.Model.linear().add("cubic"))
-    >>> ac.compare(ac.nested(fit), made.recording).names
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording, ac.Model.linear().add("cubic"))
+    >>> ac.compare(ac.nested(fit), simulated.recording).names
     ('base', 'base + cubic')
     """
     if recordings is None:
@@ -984,10 +984,10 @@ def compare(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> better = ac.add(fit, made.recording, "cubic")
-    >>> comparison = ac.compare([fit, better], made.recording)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> better = ac.add(fit, simulated.recording, "cubic")
+    >>> comparison = ac.compare([fit, better], simulated.recording)
     >>> comparison[1].coast_rms[1.0] < comparison[0].coast_rms[1.0]
     True
     """
@@ -1090,9 +1090,9 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> ac.verbs.coast(fit, made.recording, 2.0, 5.0)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> ac.verbs.coast(fit, simulated.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
     return evaluation.coast(fit.of_axis(recording.axis), examine(recording).source, start, horizon)

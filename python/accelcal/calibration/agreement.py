@@ -147,8 +147,8 @@ def agreement(first: Fit, second: Fit, *, names: tuple[str, str] = ("A", "B")) -
     >>> import numpy as np
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("tones", seconds=10.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng)
-    >>> fit = ac.fit(made.recording)
+    >>> simulated = ac.simulate("tones", seconds=10.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
     >>> agreement(fit, fit).verdict
     'agree'
     """

@@ -42,9 +42,9 @@ class RunValues:
     >>> import accelcal as ac
     >>> from accelcal.verbs import run_values
     >>> settings = {"seconds": 8.0, "rig": ac.simulation.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
-    >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
-    >>> found = run_values(ac.fit([one, two]), [one, two])
-    >>> found.parameters, found.value.shape
+    >>> first, second = (ac.simulate("tones", **settings).recording for _ in range(2))
+    >>> values = run_values(ac.fit([first, second]), [first, second])
+    >>> values.parameters, values.value.shape
     (('bias', 'scale_factor'), (2, 2))
     """
 

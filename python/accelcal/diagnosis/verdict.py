@@ -70,10 +70,10 @@ class Diagnosis(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> found = ac.diagnose(fit, made.recording)
-    >>> found.scan.candidates[0].effect
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> diagnosis = ac.diagnose(fit, simulated.recording)
+    >>> diagnosis.scan.candidates[0].effect
     'cubic'
     """
 

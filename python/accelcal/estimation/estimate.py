@@ -146,8 +146,8 @@ class Fit(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
     >>> fit["scale_factor"].unit, fit["bias"].std > 0.0
     ('1', True)
     """

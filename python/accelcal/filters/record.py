@@ -29,8 +29,8 @@ class FilterRun(Result):
     >>> import numpy as np
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng)
-    >>> accel, position = made.recording.accel, made.recording.position
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng)
+    >>> accel, position = simulated.recording.accel, simulated.recording.position
     >>> run = ac.filters.run(
     ...     ac.FilterChoice(), accel, position, q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4)
     ... )

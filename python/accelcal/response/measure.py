@@ -210,9 +210,9 @@ def frequency_response(
     >>> import numpy as np
     >>> from accelcal.simulation import ADXL105_RIG, simulate
     >>> rng = np.random.default_rng(1)
-    >>> made = simulate("sine_steps", seconds=60.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
-    >>> found = frequency_response(made.recording, check=False)
-    >>> len(found.points), found.model.best.structure.name
+    >>> simulated = simulate("sine_steps", seconds=60.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
+    >>> response = frequency_response(simulated.recording, check=False)
+    >>> len(response.points), response.model.best.structure.name
     (16, 'one pole')
     """
     if recording.reference is not None:

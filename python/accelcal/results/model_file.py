@@ -524,8 +524,8 @@ def save(fit: Fit, path: str | Path) -> None:
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
     >>> fit.save(path)
@@ -551,8 +551,8 @@ def load(path: str | Path) -> Fit:
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
     >>> fit.save(path)

@@ -160,9 +160,9 @@ class Coast(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> bool(ac.verbs.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> bool(ac.verbs.coast(fit, simulated.recording, 2.0, 5.0).floor[-1] > 0.0)
     True
     """
 
@@ -448,9 +448,9 @@ class Evaluation(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(made.recording)
-    >>> sorted(ac.compare(fit, made.recording)[0].coast_rms)
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(simulated.recording)
+    >>> sorted(ac.compare(fit, simulated.recording)[0].coast_rms)
     [1.0, 5.0, 10.0]
     """
 

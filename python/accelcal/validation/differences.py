@@ -500,9 +500,9 @@ class Comparison(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 2e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=20.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fits = [ac.fit(made.recording), ac.fit(made.recording, ac.Model.cubic())]
-    >>> comparison = ac.compare(fits, made.recording)
+    >>> simulated = ac.simulate("interleaved", seconds=20.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fits = [ac.fit(simulated.recording), ac.fit(simulated.recording, ac.Model.cubic())]
+    >>> comparison = ac.compare(fits, simulated.recording)
     >>> comparison.differences[0].verdict, comparison.errors[1] < comparison.errors[0]
     ('better', True)
     """

@@ -298,8 +298,8 @@ def plan(
     Examples
     --------
     >>> from accelcal.simulation.sensor import CXL02_RIG
-    >>> found = plan(["quadratic", "cubic"], stroke=0.2, v_max=0.1, a_max=20.0, seconds=10.0, rig=CXL02_RIG)
-    >>> found.motion.top_speed <= 0.1
+    >>> planned = plan(["quadratic", "cubic"], stroke=0.2, v_max=0.1, a_max=20.0, seconds=10.0, rig=CXL02_RIG)
+    >>> planned.motion.top_speed <= 0.1
     True
     """
     wanted = tuple(dict.fromkeys(effects))

@@ -200,8 +200,8 @@ def next_experiments(
     >>> from accelcal.simulation.motion import Motion, Tones
     >>> tone = Motion((Tones(np.array([5e-3]), np.array([3.0]), np.zeros(1)),), 20.0)
     >>> rig, rng = ac.simulation.CXL02_RIG, np.random.default_rng(1)
-    >>> made = ac.simulate(tone, seconds=20.0, rig=rig, parameters={"quadratic": 1e-3}, rng=rng).recording
-    >>> result = ac.next_experiments(ac.diagnose(ac.fit(made), made), made)
+    >>> simulated = ac.simulate(tone, seconds=20.0, rig=rig, parameters={"quadratic": 1e-3}, rng=rng).recording
+    >>> result = ac.next_experiments(ac.diagnose(ac.fit(simulated), simulated), simulated)
     >>> result.separable, len(result.ranked) > 5
     (True, True)
     """

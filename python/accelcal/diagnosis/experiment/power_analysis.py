@@ -90,8 +90,8 @@ def power(
     >>> import numpy as np
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("bursts", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters={}, rng=rng)
-    >>> limits = power(ac.Model.linear(), made.recording)
+    >>> simulated = ac.simulate("bursts", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters={}, rng=rng)
+    >>> limits = power(ac.Model.linear(), simulated.recording)
     >>> limits.detection("quadratic", limits["quadratic"].smallest[0]) > 0.94
     True
     """
@@ -311,8 +311,8 @@ def power_of_motion(
     --------
     >>> from accelcal.simulation.motion import motion
     >>> from accelcal.simulation.sensor import ADXL105_RIG
-    >>> seen = power_of_motion(motion("bursts", 20.0, np.random.default_rng(1)), ADXL105_RIG)
-    >>> bool(seen["quadratic"].smallest[0] < seen["odd_quadratic"].smallest[0])
+    >>> limits = power_of_motion(motion("bursts", 20.0, np.random.default_rng(1)), ADXL105_RIG)
+    >>> bool(limits["quadratic"].smallest[0] < limits["odd_quadratic"].smallest[0])
     True
     """
     model = Model.linear() if model is None else model

@@ -49,9 +49,9 @@ class Improvement(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> found = ac.improve(made.recording, most=1)
-    >>> found.best["cubic"].std > 0.0
+    >>> simulated = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> improvement = ac.improve(simulated.recording, most=1)
+    >>> improvement.best["cubic"].std > 0.0
     True
     """
 
