@@ -147,7 +147,7 @@ HINTS = {
     1: '. pandas makes numbers of text: pandas.read_csv(..., decimal=","), pandas.to_numeric, pandas.to_datetime',
     2: ". A column of it is [:, 0]",
 }
-"""What makes an array usable, by its dimensions."""
+"""Hint on how to make an array usable, by its dimensions."""
 
 
 def series(name: str, key: str, values: ArrayLike) -> Array:
@@ -226,7 +226,7 @@ class Origin:
     sidecar: str = ""
     """Path of what was read beside it; empty where there was none."""
     given: str = ""
-    """What a command is given to read it, as a shell takes it; empty where the channels were arrays."""
+    """Arguments of a command that reads it, as a shell takes them; empty where the channels were arrays."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Column and unit by channel, those of the stamps of the output as "time"."""
     scales: Mapping[str, tuple[float, str]] = field(default_factory=dict)
@@ -365,7 +365,7 @@ class Recording(Result):
         >>> Recording.from_arrays(t, a, p, units={"accel": "m/s^2", "position": "mm"}, name="sweep")
         Recording('sweep': 1000 samples of accel, 1000 of position)
         """
-        recording = face("io.memory").from_arrays(
+        recording: Recording = face("io.memory").from_arrays(
             t,
             accel,
             position,
@@ -376,7 +376,6 @@ class Recording(Result):
             name=name,
             reference=reference,
         )
-        assert isinstance(recording, Recording)
         return recording
 
     @classmethod
@@ -408,8 +407,7 @@ class Recording(Result):
         >>> Recording.from_dataframe(frame)
         Recording('': 1000 samples of accel, 1000 of position)
         """
-        recording = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
-        assert isinstance(recording, Recording)
+        recording: Recording = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
         return recording
 
     @property
@@ -532,7 +530,7 @@ def require_same_sensor(recording: Recording | Dwells | Positions, rig: Rig, oth
 
 
 Reference = Literal["position", "velocity", "reference_acceleration"]
-"""What tells the motion of the stage."""
+"""Kinds of channels that show the motion of the stage."""
 VELOCITY: Final = "velocity"
 ACCELERATION: Final = "reference_acceleration"
 POSITION_ORDER: Final = 2

@@ -156,7 +156,7 @@ class UnitError(AccelcalError):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a number is about, and therefore which units it may carry."""
+    """Kind of a quantity, and with it the units that it may carry."""
 
     name: str
     """With its article, for messages: "an acceleration"."""
@@ -230,12 +230,12 @@ class Conversion:
     si: str
     """The unit after conversion."""
 
+    @np.errstate(over="ignore")  # what leaves the range of a double is found as not finite
     def apply(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return `values`, shape (n,), in the unit `si`; `values` itself when nothing changes."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
-        with np.errstate(over="ignore"):  # what leaves the range of a double is found as not finite
-            return values * self.factor + self.offset
+        return values * self.factor + self.offset
 
 
 def quantity(text: object, kind: str) -> float:
@@ -358,7 +358,7 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
 
 
 ELECTRICAL = ("V", "count")
-"""What the signal of a sensor is counted in."""
+"""Units of the electrical signal of a sensor."""
 SCALE_EXAMPLES = {
     "acceleration": {"V": "0.25 V/g", "count": "1024 count/g"},
     "length": {"V": "20 V/m", "count": "200 count/mm"},

@@ -73,7 +73,7 @@ class RelationColumns:
 
     @cached_property
     def drives(self) -> list[DriveIntegrals]:
-        """What drives the filter, column by column."""
+        """Integrals that drive the filter, column by column."""
         run = self.run
         shift = run.accel_step
         late, plain, early = (drive(run, Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
@@ -204,7 +204,7 @@ class BandRelation:
             yield (innovations[:, settled[rows]] / self.size[:, None]).T
 
     def residual(self) -> Array:
-        """What the best relation leaves of the encoder's innovations at settled readings, (n,) m."""
+        """Residual of the encoder's innovations under the best relation, at settled readings, (n,) m."""
         triangle, count = np.empty((0, 5)), 0
         for columns in self.columns():
             triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, columns]), mode="r"))
@@ -709,15 +709,15 @@ class _Splits:
     """Log-likelihood over one relation and one variance, nat."""
 
     @classmethod
+    @np.errstate(divide="ignore", invalid="ignore")
     def of(cls, gram: Array) -> _Splits:
         """Of the products over blocks, (K, 6, 6)."""
         forward, k = np.cumsum(gram, axis=0), np.arange(1, len(gram))
         sums = forward[:-1], forward[-1] - forward[:-1]
         (before, held), (behind, then) = map(unexplained, sums)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            power = before / sums[0][:, -1, -1], behind / sums[1][:, -1, -1]
-            whole = unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
-            gain = 0.5 * (len(gram) * np.log(whole) - k * np.log(power[0]) - (len(gram) - k) * np.log(power[1]))
+        power = before / sums[0][:, -1, -1], behind / sums[1][:, -1, -1]
+        whole = unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
+        gain = 0.5 * (len(gram) * np.log(whole) - k * np.log(power[0]) - (len(gram) - k) * np.log(power[1]))
         return cls(sums, (held, then), power, gain)
 
     def best(self, possible: Flags) -> int | None:
@@ -834,10 +834,10 @@ EDGE_BLOCKS = 2
 """Blocks beside a part with another scale factor that are left out, too: so well is its edge known."""
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def _is_other(scale: Array, than: Array | float) -> Flags:
     """Whether the ratio of two scale factors is more than an effect of a sensor makes, or has the other sign."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = scale / than
+    ratio = scale / than
     return np.asarray(~((ratio > 1.0 / OTHER_SCALE) & (ratio < OTHER_SCALE)))
 
 
@@ -900,7 +900,7 @@ class Examined:
 
     @cached_property
     def source(self) -> PreparedRun:
-        """What a model is fitted to: the part that is used or more, with the jumps of the position."""
+        """Run that a model is fitted to: the part that is used or more, with the jumps of the position."""
         stepped = self.stepped[0]
         return self.run if stepped is self.whole or not isinstance(stepped, PreparedRun) else stepped
 
@@ -921,7 +921,7 @@ class Examined:
 
     @cached_property
     def part(self) -> PreparedRun:
-        """What is used, up to a break."""
+        """Run that is used, up to a break."""
         start, end = self.span
         if not self.breaks or start is None or end is None:
             return self.source
@@ -948,7 +948,7 @@ class Examined:
         return listed
 
     def remarks(self, place: str = "") -> list[Remark]:
-        """What was noticed in it: its break, what was left out, and other faults; `place` stands before its name."""
+        """Remarks on its break, on readings left out and on other faults; `place` stands before its name."""
         run, recording = self.judged, self.source.recording
         name = f"{place}{recording.title}"
         end = float(recording.accel.t[-1])

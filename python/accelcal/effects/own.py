@@ -623,12 +623,12 @@ def _value(node: ast.expr, names: Mapping[str, Array]) -> Array:
     raise AssertionError(f"unchecked expression: {ast.dump(node)}")
 
 
+@np.errstate(all="ignore")
 def _try_out(effect: Effect, understood: str) -> None:
     """Evaluate an effect on an ordinary motion, which passes through zero, as its file will be."""
     moving, fine, nothing = probe(effect.needs), probe(effect.needs, MANY), np.zeros(PROBE)
     still = replace(moving, p=nothing, v=nothing, a=nothing, jerk=nothing)
-    with np.errstate(all="ignore"):
-        y = np.concatenate([effect.column(motion) for motion in (moving, still, fine)])
+    y = np.concatenate([effect.column(motion) for motion in (moving, still, fine)])
     if not np.all(np.isfinite(y)):
         raise ExpressionError(
             f"{understood}: not finite at {len(y) - int(np.isfinite(y).sum())} of {len(y)} instants of an ordinary "
@@ -638,10 +638,10 @@ def _try_out(effect: Effect, understood: str) -> None:
         raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")
 
 
+@np.errstate(all="ignore")
 def _varies(effect: Effect, s: Signals) -> bool:
     """Whether an effect has more than one finite value on a motion."""
-    with np.errstate(all="ignore"):
-        y = effect.column(s)
+    y = effect.column(s)
     y = y[np.isfinite(y)]
     return len(y) > 1 and float(np.ptp(y)) > 1e-12 * float(np.max(np.abs(y)))
 
@@ -656,12 +656,12 @@ def _wide(s: Signals) -> Signals:
     return replace(s.at(np.full(DRAWS, 1)), t=np.sort(any_size()), side={name: any_size() for name in s.side})
 
 
+@np.errstate(all="ignore")
 def _require_finite_constants(tree: ast.expr) -> None:
     """Refuse a part without variables that is no finite number: Python would stop where an array goes on."""
     for node in ast.walk(tree):
         if isinstance(node, ast.expr) and not _names(node) - set(FUNCTIONS) and not isinstance(node, ast.Name):
-            with np.errstate(all="ignore"):
-                value = float(_value(node, {}))
+            value = float(_value(node, {}))
             if not math.isfinite(value):
                 raise ExpressionError(f"{ast.unparse(node)[:40]}: this part is not finite whatever the motion is")
 

@@ -58,7 +58,7 @@ class Fitted(Protocol):
 
     @property
     def free(self) -> tuple[Estimate, ...]:
-        """Those in the order of the covariance."""
+        """Estimates in the order of the covariance."""
 
     @property
     def covariance(self) -> Array:
@@ -83,7 +83,8 @@ AnyFit = TypeVar("AnyFit", bound=Fitted)
 
 
 class Engine(Protocol):
-    """Way from prepared runs to the numbers of a fit. An engine is a class here and a row of `ENGINES`."""
+    """Way from prepared runs to the numbers of a fit: a class here that `engine_named` gives by its word, a live filter
+    by its choice."""
 
     name: str
     """Word for it in `method=`, and in the fits that it makes."""
@@ -178,10 +179,8 @@ class WeakForm(Engine):
         return len(run.all_readings[0])  # those that the replay leaves out among them
 
     def sums(self, state: RunState) -> WeakRows:
-        if not isinstance(state.weak, WeakRows):
-            state.weak = weak_form(state)
-        assert isinstance(state.weak, WeakRows)
-        return state.weak
+        state.weak = weak = state.weak if isinstance(state.weak, WeakRows) else weak_form(state)
+        return weak
 
     def rows(self, state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
         weak = self.sums(state)
@@ -423,7 +422,7 @@ COLUMNS = "columns"
 
 
 def last_rows(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
-    """Those of the dwells of a run, at the time of its last reading."""
+    """Rows of the dwells of a run, at the time of its last reading."""
     rest = rows_of_dwells(state, terms)
     if rest is not None:
         yield np.full(len(rest.y), state.run.t[-1]), rest.columns, rest.y
@@ -523,7 +522,7 @@ def as_fit(replayed: AnyFit, forward: ForwardParameters, choice: FilterChoice) -
 
 @dataclass(frozen=True, slots=True)
 class LiveStart:
-    """What a filter on another record begins with after a fit."""
+    """Start of a filter on another record after a fit."""
 
     rig: Rig
     """With the fitted time constant of the low-pass."""
@@ -547,7 +546,7 @@ class LiveStart:
 
 
 def live_start(fit: Fitted, rig: Rig) -> LiveStart:
-    """What a filter on a record of a rig begins with after a fit."""
+    """Return the start of a filter on a record of a rig after a fit."""
     model, values, noise = fit.model, fit.values(), fit.noise().usual
     tau = max(0.0, values.lowpass_error + (rig.lowpass.tau if rig.lowpass is not None else 0.0))
     lowpass = LowPass(1.0 / (2.0 * math.pi * tau)) if tau > 0.0 else None

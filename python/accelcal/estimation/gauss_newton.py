@@ -206,6 +206,7 @@ def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[fl
     ]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a step too far is told by an information that is not finite
 def estimated(
     model: Model,
     states: list[RunState],
@@ -229,14 +230,6 @@ def estimated(
     NotIdentifiable
         If the information matrix is singular.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # a step too far is told by an information that is not finite
-        return _estimated(model, states, progress, least, trial)
-
-
-def _estimated(
-    model: Model, states: list[RunState], progress: Callable[[float], None], least: int, trial: bool
-) -> Solution:
-    """The iteration of `estimated`."""
     layout = layout_of(model, [state.run for state in states])
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)

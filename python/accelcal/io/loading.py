@@ -83,6 +83,7 @@ from accelcal.io.dialect import DAY
 from accelcal.io.files import A_RECORDING, in_words, is_there, open_regular, open_table
 from accelcal.io.sidecar import (
     AXES,
+    Attitude,
     Clock,
     Sidecar,
     Source,
@@ -135,11 +136,10 @@ def with_orientation(
         none.
     """
     if declared.attitude is not None:
-        return _of_attitude(file, dict(channels), declared, unchanged or Unchanged())
+        return _of_attitude(file, dict(channels), declared, declared.attitude, unchanged or Unchanged())
     if declared.angle_zero is not None:
         return _of_angle(file, dict(channels), declared)
-    gyroscope = declared.input_axis is not None
-    if gyroscope:
+    if declared.input_axis is not None:  # beside it stands a gyroscope
         return _of_gyroscope(file, dict(channels), declared)
     if GRAVITY not in channels:
         return dict(channels), declared.rig, []
@@ -179,10 +179,8 @@ def _shaken(channels: Mapping[str, Channel]) -> float:
 
 
 def _of_attitude(
-    file: str, channels: dict[str, Channel], declared: Sidecar, unchanged: Unchanged
+    file: str, channels: dict[str, Channel], declared: Sidecar, attitude: Attitude, unchanged: Unchanged
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
-    assert declared.attitude is not None
-    assert declared.input_axis is not None
     columns = dict(attitude_columns(declared))
     for name in parts_of_orientation(declared):
         if name not in channels:
@@ -195,12 +193,12 @@ def _of_attitude(
     stamps, q = together([channels.pop(name) for name in ATTITUDE])
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
-    noise: Array | float = declared.attitude.noise or unchanged("scatter", (q,), lambda: attitude_scatter(q))
-    sense, of_gyroscope = declared.attitude.maps, list[Finding]()
+    noise: Array | float = attitude.noise or unchanged("scatter", (q,), lambda: attitude_scatter(q))
+    sense, of_gyroscope = attitude.maps, list[Finding]()
     jumps = _leaps("attitude", stamps, 2.0 * np.arccos(np.minimum(1.0, np.abs(np.sum(q[1:] * q[:-1], axis=1)))))
     if all(name in channels for name in GYROSCOPE):
         stamps, q, noise, of_gyroscope = _between_readings(
-            file, channels, declared, (stamps, q, float(noise)), unchanged
+            file, channels, declared, sense, (stamps, q, float(noise)), unchanged
         )
         sense = "sensor to ENU"
     else:
@@ -245,7 +243,6 @@ def _of_angle(
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
     rig, column = declared.rig, declared.channels[ANGLE].column
     assert declared.angle_zero is not None
-    assert declared.input_axis is not None
     assert rig.arm is not None
     assert rig.axle is not None
     if ANGLE not in channels or float(np.ptp(channels[ANGLE].y)) == 0.0:
@@ -381,12 +378,12 @@ def _between_readings(
     file: str,
     channels: dict[str, Channel],
     declared: Sidecar,
+    sense: Sense,
     reference: tuple[Array, Array, float],
     unchanged: Unchanged,
 ) -> tuple[Array, Array, Array, list[Finding]]:
     """Times, quaternions from sensor to ENU and noise of an attitude that a gyroscope carries between its readings, and
-    what to say; `reference` has times, quaternions and the standard deviation of a reading."""
-    assert declared.attitude is not None
+    what to say; `reference` has times, quaternions of a `sense` and the standard deviation of a reading."""
     stamps, q, scatter = reference
     t, rates = _rates(file, channels, declared)
     if len(cuts := holes(t)):
@@ -403,7 +400,7 @@ def _between_readings(
             "clocks of both, or leave these out"
         )
     attitude = scipy.spatial.transform.Rotation.from_quat(q, scalar_first=True)
-    attitude = attitude if declared.attitude.maps == "sensor to ENU" else attitude.inv()
+    attitude = attitude if sense == "sensor to ENU" else attitude.inv()
     given = stamps, q, t, rates, scatter
     body = unchanged("carried", given, lambda: carried((stamps, attitude), (t, rates), scatter))
     if body.disagreement > MOST_DISAGREEMENT:
@@ -438,7 +435,6 @@ OTHER_AXES = 0.2
 def _of_gyroscope(
     file: str, channels: dict[str, Channel], declared: Sidecar
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
-    assert declared.input_axis is not None
     t, rates = _rates(file, channels, declared)
     first, second = turned(t, rates, np.array(declared.input_axis))
     reach = [math.degrees(float(np.ptp(angle.y))) for angle in (first, second)]
