@@ -606,7 +606,7 @@ def with_effect(
 
 
 def separating(effect: Effect) -> str:
-    """What separates an effect from what it is confused with; a longer record where its card does not say."""
+    """Experiment that separates an effect from its rivals; a longer record where its card names none."""
     return effect.experiment.rstrip(".") or "a longer record"
 
 

@@ -648,7 +648,7 @@ class Known:
 
     @classmethod
     def to(cls, state: State) -> Known:
-        """What a state holds."""
+        """Effects known to this session."""
         recordings = [run.recording for run in state.runs if run.recording is not None]
         units = dict(pair for recording in recordings for pair in units_of(recording))
         return cls(tuple(Formula.of(entry) for entry in state.own), tuple(units.items()))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class _Left(ProgressColumn):
-    """What is left, by the share of the work and the time that it took."""
+    """Time that is left, by the share of the work and the time that it took."""
 
     def render(self, task: Task) -> Text:
         return Text(time_left(task.elapsed or 0.0, task.completed))
@@ -100,7 +100,7 @@ def _cell(text: str) -> Text:
 
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
-"""What typer itself prints as a mistake in the use of a command."""
+"""Base class of the mistakes in the use of a command that typer itself prints."""
 SPEAK_FOR_THEMSELVES = (SystemExit, GeneratorExit, BrokenPipeError, typer.Exit, typer.Abort, USAGE_ERROR)
 """Exceptions that end a command in their own way: an exit, a signal, a pipe that nobody reads, a question declined."""
 app = typer.Typer(
@@ -427,7 +427,7 @@ def several(value: Any) -> Sequence[Any]:
 
 
 def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
-    """A fit that was written is diagnosed; one that was not is written first."""
+    """Suggest to diagnose a fit that was written, and to write one that was not."""
     if model is None:
         suggest("fit", *runs, "-o", "model.json")
     else:
@@ -435,8 +435,8 @@ def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
 
 
 def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[Path]) -> None:
-    """What is missing is added, to the recordings that the model was fitted to, and of a class it is asked which run
-    separates it; a model that lacks nothing goes into the report."""
+    """Suggest to add what is missing, on the recordings that the model was fitted to, and for a class to rank the runs
+    that separate it; for a model that lacks nothing suggest the report."""
     fitted = fitted_files(fit, model, *runs)
     missing = next((effect for effect in diagnosis.effects if effect not in fit.model.effects), None)
     if diagnosis.verdict == "tied" and any(len(group.weights) > 1 for group in diagnosis.classes):
@@ -450,7 +450,7 @@ def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[
 
 
 def after_comparison(fit: Fit, model: Path, run: Path) -> None:
-    """A model is diagnosed on what it was fitted to: a recording that it has not seen stays held out."""
+    """Suggest to diagnose a model on what it was fitted to; a recording that it was not fitted to stays held out."""
     fitted = fitted_files(fit, model, run)
     unseen = () if any(path is not None and path.samefile(run) for path in fitted) else ("--holdout", run)
     suggest("diagnose", model, *fitted, *unseen)

@@ -58,7 +58,7 @@ def init(run: RunFile) -> None:
 
 
 def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str], bool]:
-    """What a check says of a recording: as JSON, if that is asked for, or as lines; and whether a declaration must be
+    """Report of a check on a recording, as JSON if that is requested, else as lines; and whether a declaration must be
     corrected before any fit."""
     from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
@@ -182,7 +182,7 @@ def join_body(
 
 
 def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
-    """What a part of a recording should know of it: warnings, what is uncertain of its clocks, and what was noticed."""
+    """Findings that a part of a recording keeps: warnings, uncertainties of its clocks, and faults."""
     from accelcal.diagnosis.faults import Examined
 
     listed = [finding for finding in recording.findings if finding.lasts]

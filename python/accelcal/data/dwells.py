@@ -20,7 +20,7 @@ ATTITUDES = {"up": 0.5 * math.pi, "down": -0.5 * math.pi, "level": 0.0}
 
 @dataclass(frozen=True, slots=True)
 class DwellSetup:
-    """What a sidecar declares of dwells; None = not declared."""
+    """Entries of a sidecar on dwells; None = not declared."""
 
     angle: float | None = None
     """Elevation of the input axis above the horizontal, rad; +90 degrees reads +g."""

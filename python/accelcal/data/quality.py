@@ -1,4 +1,4 @@
-"""What is wrong or remarkable in the samples of a channel, and the policy for each case.
+"""Faults and peculiarities of the samples of a channel, and the policy for each case.
 
 ==================== ===================================================================================================
 not finite           error: an infinite or undefined reading is not a measurement
@@ -713,7 +713,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def orientation(recording: Recording) -> str | None:
-    """What says how the axis turns: "angle", "attitude", "gravity_along_axis" or "gyroscope"; None: nothing does."""
+    """Record of how the axis turns: "angle", "attitude", "gravity_along_axis" or "gyroscope"; None if none."""
     if recording.rig.arm is not None:
         return "angle"
     words = {"attitude": LEVERS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}

@@ -77,12 +77,12 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What a search over rates gave."""
+    """Outcome of a search over rates."""
 
     rate: Rate | None
     """None where the two are alike at no rate."""
     sentence: str
-    """What was tried, as part of a sentence."""
+    """Description of the trial, as part of a sentence."""
     slips: bool = False
     """Whether the clocks slip by more than the motion forgives."""
 

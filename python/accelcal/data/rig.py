@@ -1,4 +1,4 @@
-"""What is known of the sensor and the rig before any fit."""
+"""Sensor and rig as declared before any fit."""
 
 from __future__ import annotations
 
@@ -150,12 +150,12 @@ class ChannelFilter:
 
 
 def low_passes(filters: Sequence[ChannelFilter]) -> tuple[ChannelFilter, ...]:
-    """Those that pass slow motion."""
+    """Filters that pass slow motion."""
     return tuple(f for f in filters if f.passes == "lowpass")
 
 
 def high_passes(filters: Sequence[ChannelFilter]) -> tuple[ChannelFilter, ...]:
-    """Those that block a constant."""
+    """Filters that block a constant."""
     return tuple(f for f in filters if f.passes == "highpass")
 
 
@@ -236,7 +236,7 @@ class Sensor:
     scale: float | None = None
     """Electrical scale factor K, V (or counts) per m/s²."""
     scale_unit: str = ""
-    """What the electrical output is counted in: "V", "count" or empty when the channel is already in m/s²."""
+    """Unit of the electrical output: "V", "count" or empty when the channel is already in m/s²."""
     zero: float | None = None
     """Electrical output at zero acceleration, V (or counts)."""
     bias_instability: float | None = None

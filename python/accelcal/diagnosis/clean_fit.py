@@ -88,7 +88,7 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
 
 
 def run_outlier_tests(state: RunState) -> tuple[NoiseTest, ...]:
-    """Of these, the tests that reject samples, for a fit that nobody asks for the others.
+    """Run only the tests that reject samples; a fit needs no others.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a model lacks on static dwells: effects of the sensor at constant arguments, and the scatter that is left."""
+"""Diagnosis of static dwells: effects of the sensor at constant arguments, and the scatter that is left."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from accelcal.model import Model, terms_of
 
 @dataclass(frozen=True, slots=True)
 class DwellCandidate:
-    """What one effect explains beside the model."""
+    """Effect of the sensor with what it explains beside the model."""
 
     effect: str
     unit: str
@@ -44,7 +44,7 @@ class DwellCandidate:
 @immutable
 @dataclass(frozen=True, slots=True)
 class DwellDiagnosis(Result):
-    """What a model lacks on dwells."""
+    """Answer to what a model lacks on dwells."""
 
     verdict: str
     """adequate, named, tied or unexplained."""

@@ -183,7 +183,7 @@ def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> No
 
 
 class Evidence:
-    """What a verdict on one fitted model rests on; the filters of the solution are used up.
+    """Basis of the verdict on one fitted model; the filters of the solution are used up.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class Evidence:
         self.stretch, self.breaks, self.alpha, self.midway = stretch, stretch.breaks, alpha, midway
         self.model, self.fit = model, result(solution)
         self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
-        """What was prepared before the fit, and the runs as they were fitted."""
+        """Runs as prepared before the fit, and as they were fitted."""
         self.signals = states[0].signals
         lines, searching = separate_lines(cleaned), within(progress, 0.0, 0.8)
         self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, priors=priors, progress=searching)
@@ -240,7 +240,7 @@ class Evidence:
         )
         self.differences = differences(solution)
         self.remarks: list[Remark] = []
-        """What the checks before found, in their order."""
+        """Remarks of the checks so far, in their order."""
         states.clear()  # the comparison predicts anew: one set of filters at a time
 
     @property

@@ -1,4 +1,4 @@
-"""What was found: each effect of a model, or of its noise, with size, evidence and confounding class."""
+"""Findings: each effect of a model, or of its noise, with size, evidence and confounding class."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ NEXT_STEPS = {
     "not_added": "record a longer run, or the same motion at another speed, and diagnose both together",
     "dwells": "measure the angles again, record the temperature, and declare angle_std if the table is no better",
 }
-"""What to do about a residual that nothing explains, by the code of the remark that it rests on; of dwells `dwells`."""
+"""Next step for a residual that nothing explains, by the code of the remark that it rests on; of dwells `dwells`."""
 FILTER_KEYS = {
     "sensor_lag": ("accel", "lowpass"),
     "encoder_lag": ("position", "lowpass"),
@@ -183,7 +183,7 @@ class Finding:
     largest: Size | None
     """Largest contribution over the used range."""
     remark: str = ""
-    """What the noise test says that found it; that a random process is no cause, and how it varies."""
+    """Sentence of the noise test behind it; of a random process that it is no cause, and how it varies."""
     wave: Mapping[str, float] = field(default_factory=dict)
     """Its frequency or period, or the shape of an effect whose coefficient physics gives, by name, in SI; empty for
     others."""

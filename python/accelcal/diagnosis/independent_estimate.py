@@ -140,7 +140,7 @@ class ByBoth:
 
     @classmethod
     def of(cls, state: RunState, terms: Sequence[Term]) -> ByBoth:
-        """Both for the terms of a model.
+        """Return both estimates of the coefficients of a model.
 
         Raises
         ------

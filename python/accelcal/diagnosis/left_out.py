@@ -93,7 +93,7 @@ def without_wrong_readings(source: Source) -> Recording:
 def left_out_remarks(
     recordings: Sequence[Recording], place: str = "", start: float | None = None, end: float | None = None
 ) -> list[Remark]:
-    """What was left out of recordings, a remark for each kind and channel; `place` stands before the name.
+    """Remarks on readings left out of recordings, one for each kind and channel; `place` stands before the name.
 
     Where `start` or `end` is given, s, what lies outside is not mentioned.
     """

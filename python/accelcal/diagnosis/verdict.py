@@ -62,7 +62,7 @@ SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sens
 @immutable
 @dataclass(frozen=True, slots=True)
 class Diagnosis(Result):
-    """What a model lacks on a recording.
+    """Answer to what a model lacks on a recording.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Diagnosis(Result):
     verdict: Verdict
     """On what the model lacks."""
     sentence: str
-    """What was found, then what is left."""
+    """Sentence on the effects that the model lacks, then on what is left."""
     effects: tuple[str, ...]
     """Effects that would enter, in order; a significant delay comes first."""
     classes: tuple[Confounded, ...]
@@ -106,7 +106,7 @@ class Diagnosis(Result):
     dropped: tuple[RejectedReadings, ...] = ()
     """Samples rejected as outliers, by recording and channel."""
     remarks: tuple[Remark, ...] = ()
-    """What must be read with the verdict."""
+    """Remarks that must be read with the verdict."""
     present: tuple[Finding, ...] = ()
     """Effects that were found and that the model contains."""
     unnamed: tuple[NoiseTest, ...] = ()
@@ -292,7 +292,7 @@ Judgement = tuple[Verdict, str]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What may be named, and the remarks beside it: what a judgement is made from."""
+    """Evidence of one judgement: effects that may be named, and the remarks beside them."""
 
     fit: Fit
     scan: Scan
@@ -464,13 +464,13 @@ RULES: tuple[Callable[[Case], Judgement | None], ...] = (
     unlike_runs,
     adequate,
 )
-"""What is judged first; the last applies to every case."""
+"""Rules in the order in which they are tried; the last applies to every case."""
 
 
 @immutable
 @dataclass(frozen=True, slots=True)
 class AxesDiagnosis(Result):
-    """What a model lacks on each output of a sensor with three, examined together at one false-alarm rate."""
+    """Diagnoses of the three outputs of a sensor, examined together at one false-alarm rate."""
 
     derived: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects")
 
@@ -487,13 +487,13 @@ class AxesDiagnosis(Result):
 
     @property
     def verdict(self) -> str:
-        """That of the axis that lacks most; "adequate" where none lacks anything."""
+        """Verdict of the axis that lacks most; "adequate" where none lacks anything."""
         lacking = [judged for judged in self.by_axis if judged.verdict != "adequate"]
         return max(lacking, key=strength).verdict if lacking else "adequate"
 
     @property
     def sentence(self) -> str:
-        """What was examined, and what each axis lacks."""
+        """Sentence on the axes that were examined, and on what each lacks."""
         examined = " and ".join((", ".join(self.axes[:-1]), self.axes[-1]))
         sentences = [f"{a}: {judged.sentence}" for a, judged in zip(self.axes, self.by_axis, strict=True)]
         return f"Axes {examined} examined together. " + " ".join(sentences)

@@ -23,7 +23,7 @@ PIECES = 7
 CURVE = ("p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
 """Columns of a curve: Legendre polynomials by their degree, then the inner splines. The constant is the bias."""
 CURVATURE = CURVE[1:]
-"""Columns of a curve without the straight line, where the base model has it."""
+"""Curve columns orthogonal to the line that the base model already has."""
 CUBIC = 3
 """Degree of the polynomials, which by themselves are a coarse curve: fewer coefficients are detected sooner."""
 KNOT_NOISE = 6.0

@@ -52,7 +52,7 @@ def in_its_band(run: PreparedRun, model: Model, state: RunState) -> PreparedRun:
 
 
 def trials_needed(model: Model, run: PreparedRun) -> tuple[BandTrial, ...]:
-    """What single bands say of a model, of a run whose noise is known to need one; else nothing."""
+    """Trials of single bands for a model on a run whose noise is known to need one; else none."""
     asked = run.answers.get(NEEDED)
     return run.answers.get(asked, ()) if asked and asked == question(model, run) else ()
 
@@ -103,7 +103,7 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
 
 
 def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
-    """What a solution of one run in one band says; None where it did not settle, or its scale is held.
+    """Trial of one band by the solution of one run in it; None where it did not settle, or its scale is held.
 
     The standard deviation is multiplied by the quantile of Student's distribution for the blocks that hold the motion.
     """

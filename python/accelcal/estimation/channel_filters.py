@@ -123,7 +123,7 @@ class ChannelFilters:
 
     @cached_property
     def at_rest(self) -> float:
-        """What is left of a constant acceleration; 0 behind a high-pass."""
+        """Share of a constant acceleration that passes; 0 behind a high-pass."""
         return float(np.real(self.common(np.zeros(1))[0])) if self.acts else 1.0
 
     def undone(self, accel: Channel) -> Channel:
@@ -181,7 +181,7 @@ class ChannelFilters:
         return self._at(t, y, self.common) if self.acts else y
 
     def blocked(self, t: Array, z: Array) -> Array:
-        """What the high-passes of the output would remove from readings, (n,) m."""
+        """Part of readings that the high-passes of the output would remove, (n,) m."""
         return self._at(t, z, lambda f: 1.0 - self.of_high_passes(f)) if self.blocking else np.zeros_like(z)
 
     def before_position(self, y: Array, step: float) -> Array:

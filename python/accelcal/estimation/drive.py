@@ -1,4 +1,4 @@
-"""What drives the motion between encoder readings, and the two-state filter over them."""
+"""Integrals that drive the motion between encoder readings, and the two-state filter over them."""
 
 from __future__ import annotations
 

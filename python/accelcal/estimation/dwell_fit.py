@@ -37,7 +37,7 @@ SETTLED = 1e-11
 
 @dataclass(frozen=True, slots=True)
 class DwellFit:
-    """What a fit leaves of its dwells."""
+    """Residuals of a fit at its dwells."""
 
     name: str
     digest: str
@@ -170,7 +170,7 @@ MOST_UNCERTAIN, LEAST_SCALE = 0.5, 1e-6
 MISTAKEN = (
     "check column and unit of the means, scale of the sensor, sense of the angles, and [dwell] gravity, angle_std"
 )
-"""What may be wrong where dwells show a scale factor that no sensor has."""
+"""Possible causes of a scale factor that no sensor has, on dwells."""
 
 
 LEAST_SCATTER_ALPHA = 1e-4
@@ -178,7 +178,7 @@ LEAST_SCATTER_ALPHA = 1e-4
 
 
 def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> DwellFit:
-    """What a model at some values leaves of dwells."""
+    """Residuals of dwells under a model at given values."""
     alone = replace(
         dwells,
         angle_std=0.0,

@@ -49,11 +49,11 @@ class DwellRows:
     columns: Array
     """(n, m)"""
     y: Array
-    """What the model leaves of each, (n,)."""
+    """Residual of each row, (n,)."""
     zeros: dict[str, float]
     """Angle zero of each group, rad."""
     left: Array
-    """What the model and the angle zeros leave of each mean, (dwells,) m/s²."""
+    """Residual of each mean under the model and the angle zeros, (dwells,) m/s²."""
     std: Array
     """Standard deviation of each mean, (dwells,) m/s²."""
     freedom: int
@@ -106,7 +106,7 @@ def output_of(dwells: Dwells | Positions, s: Signals, values: Values) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Nuisances:
-    """What is estimated of dwells beside the coefficients."""
+    """Nuisances that are estimated of dwells beside the coefficients."""
 
     zeros: tuple[float, ...] = ()
     """Angle zero of each group, rad; all 0 where empty."""

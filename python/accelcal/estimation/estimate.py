@@ -93,7 +93,7 @@ DWELLS_ALONE = "dwells"
 ARM_STD = 0.01
 """Relative standard uncertainty of an arm that is taken where none is declared: a ruler's."""
 LEAST_ARM_STD = 1e-3
-"""And that of a short one, m."""
+"""Least standard uncertainty of an arm where none is declared, m: that of a short one."""
 ACROSS_ARM = 0.01
 """Distance of a sensor from the line of its arm that is ordinary, m."""
 AXLE_TILT = 0.02
@@ -123,7 +123,7 @@ COUNTERPARTS: Mapping[str, str] = {
     "summary": "fit.fit_report()",
     "llf": "fit.log_likelihood",
 }
-"""What stands for names that fits of other packages have, as code."""
+"""Code to write in place of names that fits of other packages have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ class Fit(Result):
     validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) in the data of the fit."""
     remarks: tuple[Remark, ...] = ()
-    """What a user must read with the numbers."""
+    """Remarks that must be read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
     spreads: tuple[Spread, ...] = ()
@@ -178,11 +178,11 @@ class Fit(Result):
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
     goes_with: tuple[GoesWith, ...] = ()
-    """What coefficients that differ from run to run go with."""
+    """Covariates of the coefficients that differ from run to run."""
     dwells: DwellFit | None = None
-    """What is left of the dwells of the fit; None where it has none."""
+    """Residuals of the dwells of the fit; None where it has none."""
     noise_effects: tuple[NoiseEffect, ...] = ()
-    """What effects of the model that act on noise amount to; they are in no row of the covariance."""
+    """Sizes of the effects of the model that act on noise; they are in no row of the covariance."""
     at_mean: tuple[Estimate, ...] = ()
     """Coefficients that mechanisms of the model move, at the mean of each run; in `estimates` they stand where their
     drivers are at zero."""
@@ -366,8 +366,7 @@ class Fit(Result):
         return tuple(dict.fromkeys(run.axis for run in self.runs if run.axis))
 
     def of_axis(self, axis: str) -> Fit:
-        """What it says of one output of a sensor with several, as of a sensor by itself; itself where it has not that
-        output."""
+        """Fit of one output of a sensor with several, as of a sensor by itself; itself where it has not that output."""
         return of_output(self, axis) if axis in self.axes else self
 
     def noise(self, run: int = 0) -> Noise:
@@ -387,7 +386,7 @@ class Fit(Result):
 
 
 def of_output(fit: Fit, axis: str) -> Fit:
-    """What a fit of several outputs says of one of them."""
+    """Fit of one of the outputs of a joint fit."""
     model, plain = fit.model.of_axis(axis), fit.model.plain_names(axis)
     mine = {e.name for e in fit.estimates if find(e.name.partition(".")[0]).axis in ("", axis)}
     rows = [k for k, e in enumerate(fit.free) if e.axis in ("", axis) and e.name in mine]
@@ -859,7 +858,7 @@ def run_to_run(
 
 
 def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
-    """What coefficients that differ from run to run go with."""
+    """Covariates of the coefficients that differ from run to run."""
     recordings = [state.run.recording for state in solution.states]
     units = {term.name: term.unit for term in solution.model.terms}
     covariates = (

@@ -46,7 +46,7 @@ from accelcal.signals.unresolved import Jumps, jumps, lost_velocity, prediction_
 
 @dataclass(frozen=True, eq=False)
 class AxisGravity:
-    """What an ideal sensor on the axis reads while the position does not accelerate, with the sign of the stage."""
+    """Reading of an ideal sensor on the axis while the position does not accelerate, with the sign of the stage."""
 
     constant: float
     """Of the declared axis, m/s²; used where nothing is recorded."""
@@ -111,8 +111,8 @@ CURVATURE = 1.0 / 64.0
 def extra_density(t: Array, accel: Channel, step: float, jumps: Jumps, filled: FilledSeries) -> Array:
     """Density of process noise, beyond that of the record, over the interval before each reading, (n,) (m/s²)²/Hz.
 
-    Derivations 6.6. A jump of the motion between two samples, and the motion over a hole, move the velocity by an
-    amount that no interpolation knows.
+    Derivations 6.6. A jump of the motion between two samples, and the motion over a hole, change the velocity by
+    an amount that interpolation cannot recover.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ class RunSamples:
     before: PreparedRun | None = None
     """The same with every repeated count of a resting encoder; None where nothing was left out."""
     answers: dict[Hashable, Any] = field(default_factory=dict)
-    """What was found of the samples of the output, for all runs with the same ones."""
+    """Answers to questions on the samples of the output, for all runs with the same ones."""
 
     def once(self, question: Hashable, find: Callable[[], Answer]) -> Answer:
         """The answer to a question about the samples, found once."""
@@ -365,7 +365,7 @@ class RunSamples:
 
     @cached_property
     def blocked(self) -> Array:
-        """What the high-passes of the output would remove from the readings, (n,) m."""
+        """Part of the readings that the high-passes of the output would remove, (n,) m."""
         return self.filters.blocked(self.t, self.z)
 
     @cached_property
@@ -455,7 +455,7 @@ class PreparedRun(RunSamples):
 
     @cached_property
     def unchanged(self) -> Unchanged:
-        """What the rounds of a fit find of the samples."""
+        """Results that the rounds of a fit derive from the samples."""
         return Unchanged()
 
     def but(self, **changes: Any) -> PreparedRun:

@@ -100,7 +100,7 @@ class TriadFit(Storable):
 
     @property
     def verdict(self) -> str:
-        """What the parameters lack; "untested" of six."""
+        """Verdict on what the parameters lack; "untested" of six."""
         if not self.terms:
             return "untested"
         return "adequate" if self.missing is None else "tied"

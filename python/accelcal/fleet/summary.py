@@ -106,7 +106,7 @@ class Sums:
 
     @classmethod
     def of(cls, y: Array, std: Array, sensor: NDArray[np.intp], between_runs: float) -> Sums:
-        """At a variance between runs."""
+        """Evaluate at a given variance between runs."""
         w = 1.0 / (std**2 + between_runs)
         count = int(sensor[-1]) + 1 if len(sensor) else 0
         W = np.bincount(sensor, w, count)

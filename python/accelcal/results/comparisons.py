@@ -74,7 +74,7 @@ DEFINITIONS = (
     "far as this record does not tell it from white noise.",
     as_sentence(ONLY_WHITE),
 )
-"""What the words of a comparison mean."""
+"""Explanations of the words of a comparison."""
 
 
 def comparison_notes(evaluation: Evaluation) -> list[str]:
@@ -198,7 +198,7 @@ def quoted(measure: Measure, evaluation: Evaluation, full_scale: float | None = 
 
 
 def floor_of(measure: Measure, evaluation: Evaluation) -> str:
-    """What noise of the sensor alone would give, as the end of a sentence."""
+    """End of a sentence on what noise of the sensor alone would give."""
     spread = measure.floor(evaluation)
     if spread is None:
         return ""

@@ -203,7 +203,7 @@ class Codec:
 
     @cached_property
     def schema(self) -> CoreSchema:
-        """What the reader follows."""
+        """Schema that the reader follows."""
         schema: CoreSchema = tight(self.core)
         return schema
 

@@ -24,7 +24,7 @@ LONGEST_TEXT = 4_000
 MOST_DIGITS = 20
 """Digits of a whole number with its sign: those of 64 bits."""
 ESCAPED = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufeff]")
-"""What JSON allows in a string and a terminal obeys."""
+"""Characters that JSON allows in a string and a terminal obeys."""
 AGAIN = "take a copy that is whole, or fit again: accelcal fit RUN.csv -o MODEL.json"
 """Next step for who has a damaged model file."""
 

@@ -79,7 +79,7 @@ def _(fit: Fit, which: str = "") -> Table:
 
 
 METHODS = {"weak": "weak form"}
-"""What a method is called where its name is short."""
+"""Words for methods whose names are short."""
 MOST_NOTES = 3
 """Notes on a fit beside its noise; further ones are details."""
 
@@ -453,7 +453,7 @@ def noise_interval(term: NoiseTerm) -> str:
 
 
 def rest_sentences(output: OutputNoise) -> list[str]:
-    """What is said of one output at rest beside its terms."""
+    """Sentences on one output at rest beside its terms."""
     sentences, lowest = list(output.notes), output.minimum
     tau = 0.5 * output.seconds if lowest is None else lowest[0]
     sentences.append(

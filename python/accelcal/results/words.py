@@ -115,8 +115,8 @@ def with_plain(value: float, std: float, unit: str) -> str:
 def at_full_scale(
     name: str, unit: str, value: float, std: float, full_scale: float | None, used: float = math.inf
 ) -> str:
-    """What a coefficient adds to the output at full scale, in per cent of that; empty where it is not known, or is the
-    coefficient itself.
+    """Contribution of a coefficient to the output at full scale, in per cent of that; empty where it is not known, or
+    is the coefficient itself.
 
     Parameters
     ----------

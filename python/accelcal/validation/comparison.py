@@ -324,7 +324,7 @@ class NoiseFloor:
     """Rms error of the free-running simulation, m."""
 
     def at(self, horizon: float | None) -> RmsInterval | None:
-        """That of a horizon, or of the simulation."""
+        """Error at a horizon, or of the simulation."""
         return self.simulated if horizon is None else self.drift.get(horizon)
 
     def through(self, held_back: Mapping[float, float]) -> NoiseFloor:
@@ -499,7 +499,7 @@ class Evaluation(Result):
     not_carried: tuple[str, ...] = ()
     """Sentences on effects that belong to the fitted recording and are left out on this one."""
     noise_scores: tuple[NoiseScore, ...] = ()
-    """What effects of the model that act on noise gain on this recording."""
+    """Gain of each effect on noise of the model on this recording."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
     left_out: tuple[str, ...] = ()
@@ -512,7 +512,7 @@ class Evaluation(Result):
     held_back: Mapping[float, float] = field(default_factory=dict)
     """What effects that act on simulated motion leave of the drift of noise, by horizon, s; 1 where there are none."""
     reference_noise: ReferenceNoise | None = None
-    """That of position, velocity or acceleration, in the unit of the reference."""
+    """Noise of the reference signal (position, velocity or acceleration), in its own unit."""
     innovations: Annotated[tuple[Array, Array] | None, SERIES] = None
     """Of the weak form, over their standard deviations: time (s), (n,). Where the reference is no position: errors of
     the position that it integrates to are no white noise. Else None."""

@@ -131,7 +131,7 @@ class Measure:
         return drift_spread(evaluation, self.horizon)
 
     def floor(self, evaluation: Evaluation) -> RmsInterval | None:
-        """What noise alone gives: up to the limit of detection, or drifts of so many records; None where unknown."""
+        """Error by noise alone: up to the limit of detection, or drifts of so many records; None where unknown."""
         if self.band is not None and (systematic := evaluation.systematic) is not None:
             return RmsInterval(systematic.detection_limit, 0.0, systematic.detection_limit)
         return None if evaluation.noise_floor is None else evaluation.noise_floor.at(self.horizon)
@@ -626,7 +626,7 @@ class Comparison(Result):
 
     @property
     def floor(self) -> RmsInterval:
-        """What noise alone gives instead of `errors`, with the interval for records of this length."""
+        """Error by noise alone in place of `errors`, with the interval for records of this length."""
         return self.headline.floor(self[len(self) - 1]) or self.noise_floor.simulated
 
     @property

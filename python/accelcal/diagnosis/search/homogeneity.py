@@ -52,7 +52,7 @@ class PartSizes:
 
     @property
     def text(self) -> str:
-        """In words; empty where nothing was compared."""
+        """Description of the comparison; empty where there was none."""
         if len(self.size) < 2:
             return ""
         span = f"{min(self.size):.2f} to {max(self.size):.2f} times"

@@ -96,7 +96,7 @@ def _opened(kind: str, path: str, scratch: str | None) -> Source:
         raise ModuleNotFoundError(chosen.library, name=chosen.library)
     _take_evaluators_away()
     opened: Callable[[str], Source] = importlib.import_module(f"accelcal.io.decoding.{chosen.reader}").opened
-    limit(os.stat(path).st_size)  # for the file, not for its library
+    limit(os.stat(path).st_size)  # set after the library is loaded, so that it covers the file alone
     confine(scratch)
     return opened(path)
 
