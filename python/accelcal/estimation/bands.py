@@ -12,7 +12,7 @@ from scipy import special
 
 from accelcal.data import POSITION_ORDER
 from accelcal.effects import find
-from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solution, estimated, initial_states
+from accelcal.estimation.gauss_newton import BandTrial, Solution, estimated, initial_states
 from accelcal.estimation.rows import LEAST_BLOCKS, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
@@ -94,7 +94,7 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
             trial = estimated(model, initial_states(model, [run], [float(band)]), trial=True)
-        except (NotIdentifiable, ValueError):
+        except ValueError:
             continue
         answer = answer_of(trial, float(band), span)
         if answer is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -36,7 +37,7 @@ from accelcal.diagnosis.select.cross_validation import cross_validate, refusing
 from accelcal.diagnosis.verdict import Diagnosis, leading_wave, verdict_on
 from accelcal.effects import Effect, SizePrior, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
-from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
@@ -387,18 +388,11 @@ class StepwiseSelection:
         for finding in (*rivals, *scan.found) if curve else (*lead, *(rivals if lead else ()), *scan.found[1:]):
             if finding.effect in self.refused or (among is not None and finding.effect not in among):
                 continue
-            if not self.budget.allows_another():
-                return None
-            try:
-                # readings that an error of the encoder moves pass for outliers: with it they are tested anew
-                anew = "instant" in finding.shape or find(finding.effect).port == "position"
-                judged = self.admitted(self.refit(finding.enter(self.current.model), anew=anew), finding.effect)
-            except (NotIdentifiable, ValueError):
-                continue
-            if judged is None:
-                continue
-            if finding in scan.found or not any(
-                first & {*remaining.members} for remaining in judged.verdict.scan.found
+            # readings that an error of the encoder moves pass for outliers: with it they are tested anew
+            anew = "instant" in finding.shape or find(finding.effect).port == "position"
+            judged = self.tried(finding, anew=anew)
+            if judged is not None and (
+                finding in scan.found or not any(first & {*rest.members} for rest in judged.verdict.scan.found)
             ):
                 return finding, judged
         return None
@@ -408,16 +402,21 @@ class StepwiseSelection:
         none, or no fit with it is possible."""
         verdict = self.current.verdict
         tests = [test for test in verdict.channels if test.shape and test.effect not in self.refused]
-        if not tests or not self.budget.allows_another():
+        if not tests:
             return None
         test = tests[0]
         group = next(group for group in verdict.classes if group.effect == test.effect)
         entering = DetectedEffect(test.effect, test.shape, with_members({}, group.members), group.experiment)
-        try:
-            judged = self.admitted(self.refit(entering.enter(self.current.model)), test.effect)
-        except (NotIdentifiable, ValueError):
-            return None
+        judged = self.tried(entering)
         return None if judged is None else (entering, judged)
+
+    def tried(self, entering: DetectedEffect, *, anew: bool = False) -> JudgedModel | None:
+        """The judged fit with an effect more; None where no fit is possible, one of its checks refuses it, or the
+        budget is used up."""
+        with suppress(ValueError):
+            if self.budget.allows_another():
+                return self.admitted(self.refit(entering.enter(self.current.model), anew=anew), entering.effect)
+        return None
 
     def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
         """The judged fit with an effect that entered; None where cross-validation or plausibility refuses it.
@@ -455,7 +454,7 @@ class StepwiseSelection:
             judged = self.admitted(
                 self.refit(requested.entered[0].enter(model)), replacement.effect.name, replacement.replaced
             )
-        except (NotIdentifiable, ValueError):
+        except ValueError:
             return None
         if judged is None:
             return None
@@ -472,7 +471,7 @@ class StepwiseSelection:
             return None
         try:
             judged = self.judge(self.refit(self.current.model.drop(name)))
-        except (NotIdentifiable, ValueError):
+        except ValueError:
             return None
         return None if any(name in finding.members for finding in judged.verdict.scan.found) else judged
 
