@@ -116,8 +116,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         import accelcal
 
         print(f"accelcal {accelcal.__version__}")
@@ -235,11 +235,11 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
+def template_hint(error: BaseException, arguments: Mapping[str, Any]) -> str:
     """How to have a sidecar written, where a recording has none and the error asks for lines of one."""
-    if not isinstance(error, data.RecordingError) or given.get("rig") is not None:
+    if not isinstance(error, data.RecordingError) or arguments.get("rig") is not None:
         return ""
-    for path in (given.get("run"), *(given.get("runs") or ()), *(given.get("files") or ())):
+    for path in (arguments.get("run"), *(arguments.get("runs") or ()), *(arguments.get("files") or ())):
         if (
             isinstance(path, Path)
             and f"write in {io.sidecar_of(path)}" in str(error)
@@ -392,12 +392,12 @@ def suggest(*words: str | Path | None, before: str = "") -> None:
         return
     callbacks = [c.callback for c in app.registered_commands if name_of(c) == words[0] and c.callback is not None]
     taken = inspect.signature(callbacks[0]).parameters if callbacks else {}
-    given = writing.get().given
+    arguments = writing.get().arguments
     options = [
         word
         for name, option in CARRIED.items()
         if name in taken and option not in words
-        for value in several(given.get(name))
+        for value in several(arguments.get(name))
         for word in (option, value)
     ]
     output = words.index("-o") if "-o" in words else len(words)
@@ -456,11 +456,11 @@ def after_comparison(fit: Fit, model: Path, run: Path) -> None:
     suggest("diagnose", model, *fitted, *unseen)
 
 
-def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
+def fitted_files(fit: Fit, *paths: Path) -> list[Path | None]:
     """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
 
     def place(run: RunFit) -> Path | None:
-        beside = (folder / run.file for folder in dict.fromkeys(path.parent for path in given))
+        beside = (folder / run.file for folder in dict.fromkeys(path.parent for path in paths))
         return next((at for at in beside if at.is_file() and loading.digest_of(at) in (run.digest, run.session)), None)
 
     return list(dict.fromkeys(place(run) for run in fit.runs))

@@ -57,9 +57,9 @@ def init(run: RunFile) -> None:
     print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 
-def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str], bool]:
-    """Report of a check on a recording, as JSON if that is requested, else as lines; and whether a declaration must be
-    corrected before any fit."""
+def checked_recording(recording: data.Recording) -> tuple[dict[str, Any], list[str], bool]:
+    """Report of a check on a recording for JSON, the same as lines, and whether a declaration must be corrected before
+    any fit."""
     from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
@@ -74,14 +74,10 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
         noticed, breaks = examined.remarks(), list(examined.breaks)
     except data.RecordingError:  # too short to look for any: the summary says how long it is
         noticed, breaks = [], []
-    gone = [note.sentence for note in noticed]
+    faults = [note.sentence for note in noticed]
     suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
-    content: dict[str, Any] = {}
-    lines: list[str] = []
-    if json:
-        content = {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect}
-    else:
-        lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+    content = {**data.quality.describe(recording), "breaks_s": breaks, "faults": faults, "suspect": suspect}
+    lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*faults, *suspect))]
     return content, lines, bool(suspect)
 
 
@@ -107,7 +103,7 @@ def check(
                     f"{run}: {len(recording)} positions of three outputs at rest; accelcal dwells {run} lists and "
                     f"calibrates them, accelcal fit MOTION {run} takes them beside a motion"
                 )
-            contents[recording.axis] = checked_recording(recording, json=json)
+            contents[recording.axis] = checked_recording(recording)
             report((number + 0.9) / len(recordings))
     if json:
         by_axis = {axis: content for axis, (content, *_) in contents.items()}
@@ -146,8 +142,8 @@ def cut(
     with progress("cut") as report:
         whole = part is None  # a part may be that of one of two loggers
         at_rest = whole and position is None and resting.is_at_rest(run, rig)
-        asked = whole and not at_rest
-        recording = io.load(run, rig, position=position, part=part, need_position=asked, need_accel=asked)
+        needed = whole and not at_rest
+        recording = io.load(run, rig, position=position, part=part, need_position=needed, need_accel=needed)
         by_position = len(recording.position) > 0 or data.reference_among(recording.side) is not None
         if not (by_position or at_rest or len(recording.accel)):
             io.load(run, rig, part=part)  # says what is missing

@@ -351,8 +351,8 @@ def next_run(
 
     Example: [bold]accelcal next m.json run12.csv --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
-    given = (stroke, "length", "--stroke"), (vmax, "speed", "--vmax"), (amax, "acceleration", "--amax")
-    limits = [None if text is None else printing.limit(text, kind, option) for text, kind, option in given]
+    texts = (stroke, "length", "--stroke"), (vmax, "speed", "--vmax"), (amax, "acceleration", "--amax")
+    limits = [None if text is None else printing.limit(text, kind, option) for text, kind, option in texts]
     seconds = parse_quantity(setup, "time", "--setup") or 0.0
     fitted = model_file.load(model)
     with progress("next") as report:

@@ -36,7 +36,7 @@ class Writing:
     """Whether it replaces whatever is there; a program that calls its parts does."""
     explain: bool = False
     """Whether it prints details of its tables."""
-    given: Mapping[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
     """Its arguments by name."""
 
 

@@ -201,8 +201,8 @@ def test_a_size_that_no_effect_has_is_refused_before_the_search(
     with pytest.raises(ac.RecordingError):
         ac.improve(run)
     with pytest.raises(ac.RecordingError, match=re.escape(str(error.value))):
-        checked_recording(run, json=False)
-    checked_recording(replace(run, prior_sizes={"cubic": "1 ug/g^3"}), json=False)
+        checked_recording(run)
+    checked_recording(replace(run, prior_sizes={"cubic": "1 ug/g^3"}))
 
 
 def test_recordings_that_declare_two_sizes_of_one_effect_are_refused(tie: tuple[ac.Fit, ac.Recording]) -> None:
