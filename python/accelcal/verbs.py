@@ -50,7 +50,7 @@ from accelcal.estimation.estimate import (
     result,
     solve_runs,
 )
-from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_fit import SEEN_BY_RUNS, run_to_hold_out
@@ -492,9 +492,9 @@ def add(
             instead = [choice.instead for choice in fit.seen_by_runs if choice.effect == name]
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
-        if gone := explained_by(effect, model, names, partial(solve_runs, sources=runs, **how)):
-            model = model.drop(*gone)
-            replaced += [remark("replaced", process=process, effect=name) for process in gone]
+        if processes := explained_by(effect, model, names, partial(solve_runs, sources=runs, **how)):
+            model = model.drop(*processes)
+            replaced += [remark("replaced", process=process, effect=name) for process in processes]
         if states is None or model is not fit.model:
             states = solve_runs(model, runs, progress=within(progress, 0.0, 0.4), **how).states
         model, size = with_effect(effect, model, states, extra, within(progress, 0.4, 0.6))
@@ -584,8 +584,8 @@ def with_effect(
         raise AccelcalError(f"{name!r} cannot be added: the model has {everywhere} on every axis already")
     jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
     if jumps:
-        said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
-        raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
+        sentence = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
+        raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({sentence})")
     wave = largest_wave(effect, model, states)
     if wave is not None and effect.search.beside in ("", *model.effects):
         return model.add(name, shapes={name: wave.shape}), wave.estimate
@@ -866,7 +866,7 @@ def clean_holdout(
     fit is possible."""
     try:
         clean = clean_fit([run], lambda these: solve_runs(model, these, start=start, end=end))
-    except (NotIdentifiable, ValueError):
+    except ValueError:
         return run, ()
     rejected = clean.rejected([run])
     named = (replace(channel, recording=f"held out, {channel.recording or 'recording'}") for channel in rejected)
@@ -1039,7 +1039,7 @@ def compare_models(
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    gone = tuple(note.sentence for note in examined.remarks())
+    left_out = tuple(note.sentence for note in examined.remarks())
     predictions: dict[int, Prediction] = {}
     shares = parts_of(progress, len(fits), 0.1, 0.8)
 
@@ -1051,12 +1051,12 @@ def compare_models(
         if budget:
             predictions[number] = ahead
         scores = noise_scores(fit, part, start=begin, end=finish)
-        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
+        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=left_out)
 
     evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     # a model that lacks an effect leaves it here and there
     if disturbed := disturbance(min(evaluations, key=lambda result: result.accel_rms), part.recording):
-        part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
+        part, left_out = without_stretches([part], disturbed)[0], (*left_out, disturbed.sentence)
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
     evaluations = [replace(result, noise_floor=least.through(result.held_back)) for result in evaluations]

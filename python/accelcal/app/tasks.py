@@ -149,7 +149,7 @@ def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> tuple[Recor
                 "them by `accelcal dwells`, or together with a motion by `accelcal fit`"
             )
         # named as in the commands that are copied
-        outputs.append(replace(output, origin=replace(output.origin, given=quote(path.name))))
+        outputs.append(replace(output, origin=replace(output.origin, arguments=quote(path.name))))
     return tuple(outputs)
 
 

@@ -336,13 +336,13 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     step = np.abs(np.diff(y))
     quantum = _quantum(step)
     clear = (step[:-1] > 3 * quantum) & (y[1:-1] != y.max()) & (y[1:-1] != y.min())
-    asked = int(np.count_nonzero(clear))
-    if asked < _FEWEST_CHANGES:
+    clear_changes = int(np.count_nonzero(clear))
+    if clear_changes < _FEWEST_CHANGES:
         return t, y, []
     repeated = int(np.count_nonzero(clear & (step[1:] == 0)))
     codes = np.rint(np.diff(y)[1:][clear] / quantum)
     by_chance = equal_by_chance([int(np.count_nonzero(codes == code)) for code in (-2, -1, 1, 2)])
-    if repeated - by_chance < max(0.02 * asked, 5.0 * np.sqrt(repeated + by_chance)):
+    if repeated - by_chance < max(0.02 * clear_changes, 5.0 * np.sqrt(repeated + by_chance)):
         return t, y, []
 
     starts = np.flatnonzero(np.concatenate(([True], step > 0)))

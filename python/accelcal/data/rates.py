@@ -105,10 +105,10 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     of_lines = LINES[1] / float(motion.lines[min(motion.top, enough)])
     length = min(0.5, of_lines) * shortest, 0.25 * MOST_RATES / (MOST_SKEW * slow.per_instant)
     first, tried = slow.candidates(max(int(min(length)), min(FEWEST_INSTANTS, shortest // 2)))
-    said = f"{tried} rates from {-MOST_SKEW:+.0%} to {MOST_SKEW:+.0%} were tried"
+    text = f"{tried} rates from {-MOST_SKEW:+.0%} to {MOST_SKEW:+.0%} were tried"
     rates = [rate for candidate in first if (rate := slow.grown(*candidate)) is not None]
     if not rates:
-        return Search(None, said)
+        return Search(None, text)
     rate = min(  # the likeliest
         rates, key=lambda r: r.overlap * math.log1p(1e-12 - max(r.correlation, -r.correlation / OPPOSITE) ** 2)
     )
@@ -116,10 +116,10 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     trials = tried * 2.0 * slow.per_instant * (len(slow.a) + len(slow.b))
     chance = math.sqrt(1.0 - (BY_CHANCE / trials) ** (1.0 / max(1.0, float(motion.lines[motion.top]))))
     least = max(LEAST_LIKE, min(MOST_LIKE, chance))
-    said = f"{said}; the best, {rate.skew:+.2%}, reaches a correlation of {abs(rate.correlation):.2f}"
+    text = f"{text}; the best, {rate.skew:+.2%}, reaches a correlation of {abs(rate.correlation):.2f}"
     if abs(rate.correlation) < least:
-        return Search(None, f"{said}, expected {least:.2f}")
-    return Search(rate, said, bool(abs(rate.skew) * rate.overlap * motion.f[motion.top] > SLIP))
+        return Search(None, f"{text}, expected {least:.2f}")
+    return Search(rate, text, bool(abs(rate.skew) * rate.overlap * motion.f[motion.top] > SLIP))
 
 
 class _Motion:

@@ -225,7 +225,7 @@ class Origin:
     """Path; empty where the channels were arrays."""
     sidecar: str = ""
     """Path of what was read beside it; empty where there was none."""
-    given: str = ""
+    arguments: str = ""
     """Arguments of a command that reads it, as a shell takes them; empty where the channels were arrays."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Column and unit by channel, those of the stamps of the output as "time"."""
@@ -482,18 +482,18 @@ class Recording(Result):
                 "give start before end"
             )
 
-        def kept(channel: Channel) -> Channel:
+        def part_of(channel: Channel) -> Channel:
             rows = keep(channel.t)
             return replace(channel, t=channel.t[rows], y=channel.y[rows])
 
-        accel, position = kept(self.accel), kept(self.position)
-        reference = None if self.reference is None else kept(self.reference)
+        accel, position = part_of(self.accel), part_of(self.position)
+        reference = None if self.reference is None else part_of(self.reference)
         if (len(self.accel) and not len(accel)) or (len(self.position) and not len(position)):
             raise RecordingError(
                 f"{self.name}: nothing is left {word} {units.instant(start)} s to {units.instant(end)} s; "
                 "choose another stretch"
             )
-        side = {name: kept(channel) for name, channel in self.side.items()}
+        side = {name: part_of(channel) for name, channel in self.side.items()}
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
         side = {name: channel for name, channel in side.items() if len(channel)}
         return replace(
@@ -599,12 +599,12 @@ def with_dwells(
     RecordingError
         If there is none, dwells of one output stand beside three, or positions of three beside one or alone.
     """
-    given = [several] if isinstance(several, Recording | Dwells | Positions) else list(several)
-    if not given:
+    items = [several] if isinstance(several, Recording | Dwells | Positions) else list(several)
+    if not items:
         raise RecordingError("the list of recordings is empty; expected at least one")
-    recordings = [item for item in given if isinstance(item, Recording)]
-    dwells = [item for item in given if isinstance(item, Dwells)]
-    positions = [item for item in given if isinstance(item, Positions)]
+    recordings = [item for item in items if isinstance(item, Recording)]
+    dwells = [item for item in items if isinstance(item, Dwells)]
+    positions = [item for item in items if isinstance(item, Positions)]
     if positions:
         recordings = with_positions(recordings, positions)
     if not recordings:

@@ -327,12 +327,15 @@ class Rig:
         return {"level": 0.0, "up": STANDARD_GRAVITY, "down": -STANDARD_GRAVITY}[self.axis]
 
     @property
+    def lowpass_tau(self) -> float:
+        """Time constant of the declared RC low-pass, s; 0 where there is none."""
+        return 0.0 if self.lowpass is None else self.lowpass.tau
+
+    @property
     def lowpass_tolerance(self) -> float:
         """How far the time constant of the declared low-pass may be off, s; 5 % where no tolerance is declared."""
-        if self.lowpass is None:
-            return 0.0
-        share = UNDECLARED_TOLERANCE if self.lowpass.tolerance is None else self.lowpass.tolerance
-        return share * self.lowpass.tau
+        declared = None if self.lowpass is None else self.lowpass.tolerance
+        return (UNDECLARED_TOLERANCE if declared is None else declared) * self.lowpass_tau
 
     @property
     def lowpass_prior(self) -> float:

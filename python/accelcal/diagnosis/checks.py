@@ -499,7 +499,7 @@ def undeclared_filter(e: Evidence) -> Iterator[Remark]:
     """Filter of the output that is not declared: the one of one pole, unless a resonance leaves clearly less noise."""
     remarks = [*undeclared_lowpass(e), *undeclared_resonance(e)]
     if remarks:
-        yield min(remarks, key=lambda said: float(said.values["left"]) * (1.0 if said is remarks[-1] else 0.9))
+        yield min(remarks, key=lambda note: float(note.values["left"]) * (1.0 if note is remarks[-1] else 0.9))
 
 
 def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
@@ -515,7 +515,7 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     imposed, coloured = _filtered(e)
     named = any(LAG in finding.members for finding in e.scan.found)
     filtered = imposed or coloured if slower else imposed and not named
-    if not (e.delayed and filtered) or rig.output_filters or rig.lowpass is not None:
+    if not (e.delayed and filtered) or rig.passed_by_output:
         return
     before = most_noise(e.fit)
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another

@@ -90,8 +90,8 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
     model, result = solution.model, solution.seen
-    given = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
-    squares, freedom = remainder(given)
+    rows = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
+    squares, freedom = remainder(rows)
     names = {term.name for term in model.terms}
     able = [
         effect
@@ -100,8 +100,8 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     ]
     terms = [term for effect in able for term in terms_of(effect)]
     extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.known).columns
-    basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
-    left = given.y - basis @ (basis.T @ given.y)
+    basis = scipy.linalg.orth(rows.columns / np.maximum(np.linalg.norm(rows.columns, axis=0), 1e-300))
+    left = rows.y - basis @ (basis.T @ rows.y)
     exact = result.scatter == 0.0
     detected: list[tuple[float, float, float, int]] = []
     for k in range(len(terms)):

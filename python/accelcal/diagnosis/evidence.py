@@ -117,7 +117,7 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
     }
     step = max((test.parts["step"] for test in significant if test.effect == STEPS), default=math.inf)
 
-    def own(test: NoiseTest) -> bool:
+    def alone(test: NoiseTest) -> bool:
         if test.effect in raised_by_others and not (test.effect == LINE and test.estimate > step):
             return False
         return test.effect != LINE or not any(
@@ -126,7 +126,7 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
             for vibration in vibrations
         )
 
-    return [test for test in significant if own(test)]
+    return [test for test in significant if alone(test)]
 
 
 def independent_tests(

@@ -77,13 +77,13 @@ class RelationColumns:
         run = self.run
         shift = run.accel_step
         late, plain, early = (drive(run, Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
-        gone = late.restart | plain.restart | early.restart
+        restart = late.restart | plain.restart | early.restart
         h: Array = np.diff(plain.t, prepend=plain.t[0])
-        h[gone] = 0.0
+        h[restart] = 0.0
         duration, zero = (h, h**2 / 2.0), np.zeros(len(h))
         pull = zero, zero
         if run.gravity.channel:
-            once, twice = (integral * ~gone for integral in run.gravity_integrals)
+            once, twice = (integral * ~restart for integral in run.gravity_integrals)
             steady = float(np.sum(once)) / max(float(np.sum(h)), 1e-300)  # a constant would hide what moves
             pull = once - steady * h, twice - steady * duration[1]
         slope = early.first - late.first, early.second - late.second
@@ -94,11 +94,11 @@ class RelationColumns:
             behind += before
             behind -= np.multiply(middle, 2.0, out=before)
             middle += pulled
-            middle[gone] = behind[gone] = 0.0
-        slope[0][gone] = slope[1][gone] = 0.0
+            middle[restart] = behind[restart] = 0.0
+        slope[0][restart] = slope[1][restart] = 0.0
         against = (-pull[0], -pull[1]) if run.gravity.channel else pull
         return [
-            DriveIntegrals(plain.t, z, first, second, gone, plain.extra_q)
+            DriveIntegrals(plain.t, z, first, second, restart, plain.extra_q)
             for z, (first, second) in (
                 (zero, (plain.first, plain.second)),
                 (zero, slope),
@@ -288,13 +288,13 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     Dropouts, glitches, saturation, position steps (missed counts) and dropped samples; not what was left out.
     """
     listed = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
-    gone = [(gap.channel, begin, end) for gap in recording.left_out for begin, end in gap.stretches]
+    left_out = [(gap.channel, begin, end) for gap in recording.left_out for begin, end in gap.stretches]
     listed = [
         fault
         for fault in listed
         if not any(
             fault.channel == name and fault.time <= begin and end <= fault.time + fault.size
-            for name, begin, end in gone
+            for name, begin, end in left_out
         )
     ]
     listed += rail_hits(run)
@@ -955,8 +955,8 @@ class Examined:
         broken = [
             remark("break", recording=name, time=at, cut=cut_without(recording, [(at, end)])) for at in self.breaks
         ]
-        gone = left_out_remarks([recording], place, *self.span)
-        return [*broken, *gone, *fault_remarks(self.faults, float(run.t[-1] - run.t[0]), name)]
+        left_out = left_out_remarks([recording], place, *self.span)
+        return [*broken, *left_out, *fault_remarks(self.faults, float(run.t[-1] - run.t[0]), name)]
 
     @cached_property
     def stretch(self) -> TimeSpan:

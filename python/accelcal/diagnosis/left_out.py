@@ -130,11 +130,11 @@ def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) 
             spans.append((a, b))
     if len(spans) > MOST_CUT:
         return ""
-    if not recording.origin.given:
+    if not recording.origin.arguments:
         return f"; without that: recording.without({', '.join(f'({instant(a)}, {instant(b)})' for a, b in spans)})"
     parts = " ".join(f"--without {instant(a)}:{instant(b)}" for a, b in spans)
     name = quote(f"{Path(recording.name).stem}_cut.csv")
-    return f"; a file without that: accelcal cut {recording.origin.given} {parts} -o {name}"
+    return f"; a file without that: accelcal cut {recording.origin.arguments} {parts} -o {name}"
 
 
 def _cleaned(source: Source) -> Recording | None:
@@ -156,7 +156,7 @@ def _cleaned(source: Source) -> Recording | None:
         step, filters = usual_step(channel.t), rig.output_filters if name == "accel" else rig.position_filters
         reach = memory(filters, 1.0 / step)
         if name == "accel":
-            reach += FORGOTTEN * rig.lowpass.tau if rig.lowpass else 0.0
+            reach += FORGOTTEN * rig.lowpass_tau
             reach += 0.0 if kind == "denied" else LEFT_OUT_BESIDE * step
         edges = np.array([[begin - reach, np.nextafter(end + reach, math.inf)] for begin, end in stretches])
         out = within_spans(np.searchsorted(channel.t, edges), len(channel))

@@ -253,8 +253,8 @@ def leading_wave(scan: Scan, tests: Sequence[NoiseTest]) -> str:
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
     """An experiment, with the one further run that would separate each member, and how well."""
-    told = [run.sentence for run in further if run.effect in members]
-    return "; ".join((experiment, *told))
+    sentences = [run.sentence for run in further if run.effect in members]
+    return "; ".join((experiment, *sentences))
 
 
 def inseparable_groups(e: Evidence) -> tuple[Confounded, ...]:
@@ -386,8 +386,8 @@ def random_variation(process: DetectedEffect) -> str:
     if effect.port != "process" or process.prior_std is None:
         return ""
     followed = [name for name in process.members if find(name).mechanism or find(name).needs]
-    asked = "; no recorded quantity explains it" if effect.traits.changes in CARRIERS else ""
-    why = f"; {' or '.join(followed)} may be why" if followed else asked
+    unexplained = "; no recorded quantity explains it" if effect.traits.changes in CARRIERS else ""
+    why = f"; {' or '.join(followed)} may be why" if followed else unexplained
     return f" That is no cause: {varies(effect.traits.changes, process.prior_std, process.shape)}{why}."
 
 

@@ -255,7 +255,7 @@ def require_rest(recording: Recording, channel: Channel) -> None:
                 f"{recording.title}: {finding.text.partition('. Every fit')[0]}; expected noise. Check "
                 "supply, wiring, range and column, and record at rest anew"
             )
-    step, cut = median_step(t), f"accelcal cut {recording.origin.given or 'RUN'}"
+    step, cut = median_step(t), f"accelcal cut {recording.origin.arguments or 'RUN'}"
     pauses = np.flatnonzero(np.diff(t) > 1.5 * step)
     if len(pauses):
         edges = np.concatenate([[-1], pauses, [len(t) - 1]])

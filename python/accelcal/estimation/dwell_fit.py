@@ -202,12 +202,12 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
         left = f"{math.sqrt(float(rows.left @ rows.left) / max(freedom, 1)):.2g} m/s²"
         causes = "instability of the bias, angles, temperature, or a term that the model lacks"
         causes = causes if isinstance(dwells, Dwells) else "instability of the bias, temperature, or a hand that shakes"
-        said = (
+        reason = (
             "what is declared of the bias and the angles explains it"
             if p_value >= REMARK_ALPHA
             else f"{math.sqrt(rows.scatter):.2g} m/s² more than is declared, taken into the uncertainty: {causes}"
         )
-        text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {said}"
+        text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {reason}"
         remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
     elif freedom > 0 and scipy.special.chdtr(freedom, freedom * ratio**2) < LEAST_SCATTER_ALPHA:
         text = (

@@ -335,10 +335,10 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
     What varies along the record stays as it is. Readings so good that the rows do not show their noise have the one
     that their neighbours do not predict.
     """
-    start, told = rows.noise, rows.state.run.unpredicted.reading
+    start, reading_std = rows.noise, rows.state.run.unpredicted.reading
     if rows.order == 0:
         return rows.at_noise(shared(rows))
-    log_ratio = 2.0 * math.log(told) if told > 0.0 and rows.order == POSITION_ORDER else None
+    log_ratio = 2.0 * math.log(reading_std) if reading_std > 0.0 and rows.order == POSITION_ORDER else None
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
 
     def log_likelihood(log_q: float, log_r: float) -> float:
@@ -548,7 +548,7 @@ class LiveStart:
 def live_start(fit: Fitted, rig: Rig) -> LiveStart:
     """Return the start of a filter on a record of a rig after a fit."""
     model, values, noise = fit.model, fit.values(), fit.noise().usual
-    tau = max(0.0, values.lowpass_error + (rig.lowpass.tau if rig.lowpass is not None else 0.0))
+    tau = max(0.0, values.lowpass_error + rig.lowpass_tau)
     lowpass = LowPass(1.0 / (2.0 * math.pi * tau)) if tau > 0.0 else None
     free = {e.name: e for e in fit.free if find(e.name.split(".")[0]).port != "process"}
     of_record = [term.name for term in model.terms if term.effect.port != "process" and of_one_record(term.effect)]

@@ -489,7 +489,7 @@ def solve_runs(
     recordings = [recording_of(source) for source in sources]
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
-    asked, model = model, complete(model, recordings)
+    requested, model = model, complete(model, recordings)
     several = len({output.recording for output in outputs_of(recordings)}) > 1
     apart = not several and any(recording.positions for recording in recordings)
     if model.per_run and any(recording.axis for recording in recordings) and not apart:
@@ -518,22 +518,22 @@ def solve_runs(
     *before, last = engine.tried(runs, band)
     for trial in before:
         with suppress(NoWeakForm):
-            solution = _solved(asked, model, recordings, [trial.prepare(run) for run in runs], band, progress)
+            solution = _solved(requested, model, recordings, [trial.prepare(run) for run in runs], band, progress)
             if solution.converged:
                 return solution
-    solution = _solved(asked, model, recordings, [last.prepare(run) for run in runs], band, progress)
+    solution = _solved(requested, model, recordings, [last.prepare(run) for run in runs], band, progress)
     return replace(solution, engine=last)
 
 
 def _solved(
-    asked: Model,
+    requested: Model,
     model: Model,
     recordings: Sequence[Recording],
     runs: Sequence[PreparedRun],
     band: float | None,
     progress: Callable[[float], None],
 ) -> Solution:
-    """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for.
+    """The solution of prepared runs by their engines; `model` is the completed one that was `requested`.
 
     A run whose noise needs a band, as is known of the same samples, is fitted in it from the start.
     """
@@ -543,14 +543,14 @@ def _solved(
         solution = iterate(model, runs, [band or chosen for chosen in bands], progress)
         return replace(solution, chosen=bands, by_band=trials)
 
-    def known() -> tuple[tuple[BandTrial, ...], ...]:
+    def known_trials() -> tuple[tuple[BandTrial, ...], ...]:
         return tuple(trials_needed(model, run) if band is None else () for run in runs)
 
-    solution = iterated(known())
+    solution = iterated(known_trials())
     unlike, by_runs = differing(solution)
     if unlike:
-        model = complete(asked.vary(*unlike), recordings)
-        solution = iterated(known())
+        model = complete(requested.vary(*unlike), recordings)
+        solution = iterated(known_trials())
         _, by_runs = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
         if model.shapes and any(map(needs_band, solution.states)):

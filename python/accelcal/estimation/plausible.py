@@ -105,7 +105,7 @@ def other_sense(recording: Recording) -> str:
 def mistaken(recording: Recording, scale: float) -> str:
     """What was mistaken where 1 + k is no sensor's: another column, or a unit, range or clock; and what accepts it."""
     ratio = np.format_float_positional(float(f"{scale:.4g}"), trim="-")
-    line = f"write [rig] ratio = {ratio}" if recording.origin.given else f"give rig=Rig(ratio={ratio})"
+    line = f"write [rig] ratio = {ratio}" if recording.origin.arguments else f"give rig=Rig(ratio={ratio})"
     accept = f"If the rig itself makes this ratio, a lever or two masses, {line}"
     texts = [other_column(recording)]
     if not texts[0]:
@@ -124,7 +124,7 @@ def declaration(channel: str, column: str, unit: str) -> str:
 
 def declaring(recording: Recording, channel: str, column: str, unit: str) -> str:
     """What declares a column and its unit: a line of the sidecar, or the argument behind which arrays are read."""
-    if recording.origin.given:
+    if recording.origin.arguments:
         return f"Write [channels] {declaration(channel, column, unit)}"
     return f'Give units={{"{column}": "{unit}"}}'
 
@@ -146,7 +146,7 @@ def exchanged(recording: Recording) -> str:
     if abs(alike) < THE_OUTPUT or not plausible(abs(slope)):
         return ""
     line = "exchange them where the recording is made"
-    if recording.origin.given:
+    if recording.origin.arguments:
         lines = declaration("accel", position, unit), declaration("position", output, length)
         line = f"write [channels] {' and '.join(lines)}"
     return f"output and position are each in the column of the other: {line}"

@@ -276,7 +276,7 @@ class RunSamples:
 
     def tau(self, values: Values) -> float:
         """Time constant of the low-pass at the values of a model, s; 0 where there is none."""
-        return max(0.0, self.declared_tau + values.lowpass_error)
+        return max(0.0, self.rig.lowpass_tau + values.lowpass_error)
 
     @cached_property
     def jumps(self) -> Jumps:
@@ -287,7 +287,7 @@ class RunSamples:
             scores = prediction_scores(t, y)
             if len(t) < LONG:
                 self.answers["noise of a sample"] = scores[1]
-            return jumps(t, y, self.accel_step, self.declared_tau, scores)
+            return jumps(t, y, self.accel_step, self.rig.lowpass_tau, scores)
 
         return self.once("jumps of the motion", find)
 
@@ -297,11 +297,6 @@ class RunSamples:
         t, y = self.accel.t, self.accel.y
         held = self.answers.get("noise of a sample")
         return prediction_scores(t, y)[1] if held is None else held
-
-    @property
-    def declared_tau(self) -> float:
-        """Time constant of the declared low-pass, s; 0 where there is none."""
-        return self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
 
     @cached_property
     def filled(self) -> FilledSeries:

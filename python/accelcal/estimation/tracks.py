@@ -287,8 +287,8 @@ def shapes(fit: Fit) -> tuple[Shape, ...]:
 
 def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:
     """The function over the range of its variable; a response to velocity or acceleration per unit of it."""
-    given = fit.model.shapes[name]
-    low, high = (given["low"], given["high"]) if "low" in given else (given["start"], given["start"] + given["length"])
+    shape = fit.model.shapes[name]
+    low, high = (shape["low"], shape["high"]) if "low" in shape else (shape["start"], shape["start"] + shape["length"])
     x = np.linspace(low, high, POINTS)
     motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {variable.letter: x}
     t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))

@@ -52,7 +52,7 @@ class CausalSignals:
 
     def __init__(self, rig: Rig, origins: Origins, step: float, q: float) -> None:
         self.rig, self.origins, self.step = rig, origins, step
-        self.tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
+        self.tau = rig.lowpass_tau
         self.a_std = math.sqrt(q / step)
         self.t = -origins.t
         self.outputs: tuple[float, ...] = ()
@@ -265,7 +265,7 @@ class LiveModel:
         spread = np.diag([prior.std**2 for prior in beliefs])
         if covariance is not None:
             spread[: len(covariance), : len(covariance)] = covariance
-        self._tau = tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
+        self._tau = tau = rig.lowpass_tau
         self._motion = DIFFUSE * r_position * np.diag([1.0, 0.0]) + np.outer([-tau, 1.0], [-tau, 1.0]) * speed**2
         """Covariance of position and velocity where a filter begins: behind a low-pass tau v behind the stage."""
         self.settings: dict[str, Any] = {

@@ -153,7 +153,7 @@ def with_orientation(
     return dict(channels), replace(declared.rig, gravity_along_axis=float(np.mean(level.y))), []
 
 
-def asked(table: Table, declared: Sidecar) -> list[Finding]:
+def undeclared_orientation(table: Table, declared: Sidecar) -> list[Finding]:
     """A note on columns that look like an orientation, where none is declared."""
     declared_axis = declared.attitude is not None or declared.input_axis is not None or GRAVITY in declared.channels
     roles = naming.orientation_roles(table.columns)
@@ -401,8 +401,8 @@ def _between_readings(
         )
     attitude = scipy.spatial.transform.Rotation.from_quat(q, scalar_first=True)
     attitude = attitude if sense == "sensor to ENU" else attitude.inv()
-    given = stamps, q, t, rates, scatter
-    body = unchanged("carried", given, lambda: carried((stamps, attitude), (t, rates), scatter))
+    readings = stamps, q, t, rates, scatter
+    body = unchanged("carried", readings, lambda: carried((stamps, attitude), (t, rates), scatter))
     if body.disagreement > MOST_DISAGREEMENT:
         raise RecordingError(
             f"{file}: {', '.join(GYROSCOPE)} turn otherwise than the attitude: over a second by "
@@ -750,7 +750,7 @@ def load_axes(
         replace(
             recording,
             name=f"{both.name} {recording.axis}",
-            origin=replace(recording.origin, file="", given=both.given),
+            origin=replace(recording.origin, file="", arguments=both.arguments),
             findings=(both.alignment, *recording.findings),
         )
         for recording in outputs
@@ -870,7 +870,7 @@ class Body:
     alignment: Finding
     digest: str
     name: str
-    given: str
+    arguments: str
     """What a command is given for it."""
 
 
@@ -926,7 +926,7 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
         note,
         hashlib.sha256(digest.encode()).hexdigest(),
         what,
-        f"{given(output, sidecar.path)} --position {quote(position.name)}",
+        f"{arguments_for(output, sidecar.path)} --position {quote(position.name)}",
     )
 
 
@@ -1068,7 +1068,7 @@ def channels_of(
     """
     path = table.path
     plan, unused = assign(table, declared, required)
-    findings, parts = unused + asked(table, declared), parts_of_orientation(declared)
+    findings, parts = unused + undeclared_orientation(table, declared), parts_of_orientation(declared)
     channels: dict[str, Channel] = {}
     for name, samples in _samples(table, plan, declared.rig, part, findings):
         column = plan.sources[name].column
@@ -1101,10 +1101,10 @@ def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
     if clock is not None and clock.rate is None and clock.column is not None:
         columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
     scales = {name: source.scale[:2] for name, source in plan.sources.items() if source.scale is not None}
-    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns, scales)
+    return Origin(str(table.path), str(declared.path or ""), arguments_for(table.path, declared.path), columns, scales)
 
 
-def given(path: Path, sidecar: Path | None) -> str:
+def arguments_for(path: Path, sidecar: Path | None) -> str:
     """What a command is given to read a file with a sidecar, as a shell takes it."""
     return quote(str(path)) + (f" --rig {quote(str(sidecar))}" if sidecar not in (None, sidecar_of(path)) else "")
 
@@ -1161,8 +1161,8 @@ def declaration(path: Path, rig: str | Path | Rig | None, axis: str = "") -> tup
     declared = Sidecar(rig=rig) if isinstance(rig, Rig) else read_sidecar(Path(rig), axis)
     if not has_sidecar(path) or (declared.path is not None and declared.path.resolve() == beside.resolve()):
         return declared, []
-    given = declared.path.name if declared.path is not None else "a rig"
-    text = f"{beside.name} beside the recording is not read, because {given} was given in its place"
+    name = declared.path.name if declared.path is not None else "a rig"
+    text = f"{beside.name} beside the recording is not read, because {name} was given in its place"
     return declared, [Finding("sidecar", "", 1, 0.0, text)]
 
 
@@ -1337,7 +1337,7 @@ def _part(table: Table, sampled: Mapping[str, Sampled], part: int | None, sideca
     raise RecordingError(
         f"{table.path}: the clock starts again at {table.row(begin)}: {edges[2]:.9g} s after {edges[1]:.9g} s. The "
         f"file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
-        f"accelcal cut {given(table.path, sidecar)} --part 1 -o {quote(f'{table.path.stem}_1.csv')}"
+        f"accelcal cut {arguments_for(table.path, sidecar)} --part 1 -o {quote(f'{table.path.stem}_1.csv')}"
     )
 
 

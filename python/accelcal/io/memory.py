@@ -157,7 +157,7 @@ def from_columns(
     require_roles(table, where, side)
     require_lengths(table, read, where)
     recording = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
-    origin = replace(recording.origin, file="", given="")
+    origin = replace(recording.origin, file="", arguments="")
     return replace(recording, name=name, digest=digest_of(read, given), origin=origin)
 
 

@@ -49,7 +49,7 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
         origin=replace(
             output.origin,
             file="",
-            given=f"{output.origin.given} --position {quote(reference.origin.file)}",
+            arguments=f"{output.origin.arguments} --position {quote(reference.origin.file)}",
             columns={**reference.origin.columns, **output.origin.columns},
             scales={**reference.origin.scales, **output.origin.scales},
         ),
@@ -190,7 +190,7 @@ def alignment_of(
         If they cannot be aligned.
     """
     rig, search = recording.rig, None
-    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
+    delay = rig.lowpass_tau
     gravity = None if GRAVITY in beside else recording.side.get(GRAVITY)
     if near is not None:
         lag = float(recording.position.t[0] - recording.accel.t[0]) + delay - near.shift

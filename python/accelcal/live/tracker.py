@@ -149,7 +149,7 @@ def settings_of(rig: Rig, fit: Fit | None = None, watch: tuple[str, ...] = ()) -
         raise RecordingError(
             "live: an arm on an axle is not followed live; record its angle to a file, then accelcal fit"
         )
-    tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
+    tau = rig.lowpass_tau
     walk = rig.sensor.random_walk
     parameters = {"K0": GaussMarkov(walk**2)} if walk else {}
     if fit is None and watch:
@@ -169,7 +169,7 @@ def settings_of(rig: Rig, fit: Fit | None = None, watch: tuple[str, ...] = ()) -
         start.r_position,
         A @ theta,
         A @ spread @ A.T,
-        start.rig.lowpass.tau if start.rig.lowpass is not None else 0.0,
+        start.rig.lowpass_tau,
         fit.values().by_name.get("time_offset", 0.0),
         parameters,
         True,

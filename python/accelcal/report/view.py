@@ -163,9 +163,7 @@ def of_rig(rig: Rig, reference: str) -> list[tuple[str, str]]:
     name = " ".join(filter(None, (sensor.model, sensor.serial and f"no. {sensor.serial}"))) or NOT_DECLARED
     full_scale = f", full scale ±{number(sensor.range)} m/s²" if sensor.range else ""
     factor, unit = prefixed("m", rig.resolution or 0.0)
-    step = "resolution not declared"
-    if rig.resolution:
-        step = f"resolution {number(rig.resolution * factor)} {unit}"
+    step = f"resolution {number(rig.resolution * factor)} {unit}" if rig.resolution else "resolution not declared"
     filters = [f"RC low-pass {number(rig.lowpass.cutoff)} Hz"] if rig.lowpass else []
     filters += [channel_filter.kind for channel_filter in rig.filters]
     return [

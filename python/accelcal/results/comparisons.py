@@ -152,9 +152,8 @@ def region_row(region: Region) -> Row:
 
 def range_text(row: Row) -> str:
     """Range of a region in its unit."""
-    factor, unit = (1.0, row["unit"])
-    if unit not in ("s", "Hz"):
-        factor, unit = prefixed(unit, row["low"], row["high"])
+    plain_unit = row["unit"] in ("s", "Hz")
+    factor, unit = (1.0, row["unit"]) if plain_unit else prefixed(row["unit"], row["low"], row["high"])
     low, high = (instant(x) if row["variable"] == "time" else number(x * factor) for x in (row["low"], row["high"]))
     return with_unit(f"{low} to {high}", unit)
 

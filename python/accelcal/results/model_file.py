@@ -381,18 +381,18 @@ def _shapes(fit: Fit) -> Found:
         effect, _, shape = e.name.partition(".")
         if shape not in fit.model.shapes.get(effect, {}):
             yield f"shapes[{i}].name", f"found {e.name!r}, expected a shape parameter of an effect of the model"
-    for name, given in fit.model.shapes.items():
+    for name, values in fit.model.shapes.items():
         if name not in fit.model.effects:
             yield f"model.shapes.{name}", "expected shape parameters of effects of the model alone"
             continue
         term = next(term for term in _evaluated(fit) if term.effect.name == name)
-        unknown = set(given) - set(term.effect.shapes)
+        unknown = set(values) - set(term.effect.shapes)
         if unknown:
             yield f"model.shapes.{name}", f"found {', '.join(sorted(unknown))}, which {name} does not have"
         signals = probe(term.effect.needs)
         for key, declared in term.effect.shapes.items():
-            if declared.span(signals)[0] > 0.0 and not given[key] > 0.0:
-                yield f"model.shapes.{name}.{key}", f"found {given[key]:.10g}, expected more than 0 {declared.unit}"
+            if declared.span(signals)[0] > 0.0 and not values[key] > 0.0:
+                yield f"model.shapes.{name}.{key}", f"found {values[key]:.10g}, expected more than 0 {declared.unit}"
         with np.errstate(all="ignore"):
             column = term.effect.column(signals, **term.shape)
         if not np.all(np.isfinite(column)):
@@ -585,10 +585,10 @@ def from_dict(content: Any) -> Fit:
     except ModelFileError as error:
         for name in set(CATALOGUE) - set(catalogue):  # side channels of a file that is refused
             del CATALOGUE[name]
-        said = visible(str(error), one_line=True)
+        sentence = visible(str(error), one_line=True)
         if isinstance(error, MissingEffectError):
-            raise ModelFileError(said) from None
-        raise ModelFileError(f"{said}. The model file is damaged or incomplete: {AGAIN}") from None
+            raise ModelFileError(sentence) from None
+        raise ModelFileError(f"{sentence}. The model file is damaged or incomplete: {AGAIN}") from None
     return fit
 
 

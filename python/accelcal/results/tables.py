@@ -574,14 +574,14 @@ def _(path: Path, which: str = "") -> Table:
     ends = [(low, float(path.std[path.value.argmin()])), (high, float(path.std[path.value.argmax()]))]
     several = [(path.itself, path.itself_std), (path.mean, path.mean_std), *ends]
     rest, middle, least, most = (plain(path.unit, y, std) for y, std in several)
-    said = f"{name}: {rest} by itself, {middle} at the mean of this run, from {least} to {most}."
+    sentence = f"{name}: {rest} by itself, {middle} at the mean of this run, from {least} to {most}."
     best = path.followers[0] if path.followers else None
     if best is not None and best.share < EXPLAINED:
         most_likely = f"{spelled(best.mechanism)} {100.0 * best.share:.0f} % of its variance"
-        said += f" No recorded quantity explains it: {most_likely}."
+        sentence += f" No recorded quantity explains it: {most_likely}."
     return Table(
         title=f"Path of {name}",
-        sentence=said,
+        sentence=sentence,
         columns=(
             Column("mechanism", "what it may follow", lambda r: spelled(r["mechanism"])),
             Column("share", "explains of its variance", lambda r: f"{100.0 * r['share']:.0f} %"),

@@ -126,9 +126,7 @@ def density_at_rest(recording: Recording, until: float | None = None) -> tuple[f
 def _band(rig: Rig, rate: float) -> tuple[float, float]:
     """Frequencies at which the declared filters of the output pass its noise, Hz."""
     lowest, highest = 0.0, OF_RATE * rate
-    if rig.lowpass is not None:
-        highest = min(highest, OF_CUTOFF * rig.lowpass.cutoff)
-    for channel_filter in rig.output_filters:
+    for channel_filter in rig.passed_by_output:
         if channel_filter.cutoff is not None and channel_filter.passes == "lowpass":
             highest = min(highest, OF_CUTOFF * channel_filter.cutoff)
         elif channel_filter.cutoff is not None:

@@ -69,7 +69,7 @@ def headline_horizon(*evaluations: Evaluation) -> float | None:
 
     Parameters
     ----------
-    seen : the comparisons that are shown together, at least one.
+    evaluations : the comparisons that are shown together, at least one.
 
     Returns
     -------

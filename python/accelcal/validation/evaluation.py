@@ -171,7 +171,7 @@ def compare(
     """
     ahead = ahead or predicted(fit, source, ruler, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
-    counts, asked = ahead.counts, run.t >= ahead.since
+    counts, inside = ahead.counts, run.t >= ahead.since
     progress(0.3)
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
     progress(0.5)
@@ -193,8 +193,8 @@ def compare(
         simulated=simulated[:3],
         simulated_std=simulated[3],
         simulated_rms=root_mean_square(simulated[1] - simulated[2]),
-        residual=(run.t[asked], e[asked]),
-        residual_std=np.sqrt(S[asked]),
+        residual=(run.t[inside], e[inside]),
+        residual_std=np.sqrt(S[inside]),
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
         outside=outside(fit, ahead, t_res, motion, coasting),
         not_carried=left_out(fit, recording_of(source)),
@@ -394,8 +394,8 @@ def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
     """Times, s, and innovations of the weak form over their standard deviations, at the model as it is."""
     state = settled_state(ENGINES["weak"].prepare(ahead.run), ahead.values, ahead.noise)
     sums = sums_of(state)
-    asked = sums.times >= ahead.since
-    return sums.times[asked], sums.whitened[asked]
+    inside = sums.times >= ahead.since
+    return sums.times[inside], sums.whitened[inside]
 
 
 def smoothed_drive(ahead: DrivenRun) -> DriveIntegrals:

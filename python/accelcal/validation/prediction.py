@@ -300,9 +300,9 @@ class Prediction(DrivenRun):
         """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:
         0 and infinite where there is nothing to estimate it from."""
         information = self.information[k]
-        told = information > 0.0
-        value = np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=told)
-        return value, np.where(told, np.where(told, information, 1.0) ** -0.5, math.inf)
+        determined = information > 0.0
+        value = np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=determined)
+        return value, np.where(determined, np.where(determined, information, 1.0) ** -0.5, math.inf)
 
     def along(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         """Readings at `rows` predicted from reading `k`: frozen, rezeroed and standard deviation, (n,) m each."""

@@ -156,8 +156,7 @@ def undeclared_low_pass(state: State) -> float | None:
         return None
     recording = state.first_fitted.data
     rig = recording.rig
-    declared = rig.lowpass is not None or low_passes(rig.output_filters)
-    if declared or not lag.std > 0.0 or lag.value < rig.offset_tolerance + LAG_SIGMA * lag.std:
+    if low_passes(rig.passed_by_output) or not lag.std > 0.0 or lag.value < rig.offset_tolerance + LAG_SIGMA * lag.std:
         return None
     corner = 1.0 / (2.0 * math.pi * lag.value)
     if corner > 0.5 / usual_step(recording.accel.t):

@@ -78,7 +78,7 @@ def motion_jumps(residuals: Residuals, sampled: Flags, y: Array, spread: Array) 
     places = np.unique(np.searchsorted(run.accel.t, stamps)[:, None] + BESIDE)
     if len(places) == 0:
         return marked[sampled]
-    jumps = jumps_at(run.accel.t, run.accel.y, run.sample_noise, places, run.accel_step, run.declared_tau)
+    jumps = jumps_at(run.accel.t, run.accel.y, run.sample_noise, places, run.accel_step, run.rig.lowpass_tau)
     at = np.rint((jumps.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
     marked[np.clip(at, 0, residuals.n - 1)] = True
     return np.asarray(widened(marked, 2 * ISOLATED)[sampled])
