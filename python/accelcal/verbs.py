@@ -1,4 +1,4 @@
-"""The product's verbs: fit, diagnose, add, drop, improve, nested, compare, coast.
+"""Verbs of the package: fit, diagnose, add, drop, improve, formulas, nested, compare, coast.
 
 Readings that are known to be wrong are left out and jumps of the position found before anything else, and outliers are
 rejected before every fit.

@@ -34,18 +34,18 @@ from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import open_table
 from accelcal.io.loading import (
     COLUMNS,
-    assumed,
     axes,
-    complete,
+    complete_column,
     declaration,
     digest_of,
-    from_table,
-    is_table,
+    dwells_from,
+    is_dwell_table,
     load,
     load_axes,
     loaded,
     local_gravity,
     require_between,
+    undeclared_of_dwells,
 )
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
@@ -126,7 +126,7 @@ def load_declared(
         return [load_positions(path, rig)]
     if declared.triad:
         return [*axes(table, rig)]
-    if is_table(table) or (setup is not None and setup.angle is not None):
+    if is_dwell_table(table) or (setup is not None and setup.angle is not None):
         return [dwells_of(table, declared, notes, rig or sidecar_of(path))]
     try:
         return [loaded(table, declared, notes) if single is None else single(path)]
@@ -209,8 +209,8 @@ def load_positions(path: str | Path, rig: str | Path | None = None, *, least: fl
 
 def dwells_of(table: Table, declared: Sidecar, notes: list[Finding], sidecar: Path) -> Dwells:
     """The dwells that a table holds: one line each, or a recording at rest; errors are those of `load_dwells`."""
-    if is_table(table):
-        return from_table(table, declared, sidecar)
+    if is_dwell_table(table):
+        return dwells_from(table, declared, sidecar)
     return from_recording(loaded(table, declared, notes, need_position=False), declared, sidecar)
 
 
@@ -241,7 +241,7 @@ def from_recording(recording: Recording, declared: Sidecar, sidecar: Path) -> Dw
         gravity=local_gravity(setup),
         name=recording.name,
         digest=recording.digest,
-        assumptions=assumed(setup),
+        assumptions=undeclared_of_dwells(setup),
     )
 
 
@@ -397,7 +397,7 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
 
 def _positions(table: Table, declared: Sidecar) -> Rests:
     columns = table.read(POSITIONS)
-    values = {name: complete(table, name, columns[name]) for name in POSITIONS}
+    values = {name: complete_column(table, name, columns[name]) for name in POSITIONS}
     start, end, samples, *outputs = values.values()
     limits = [(f"std_{axis}", 0.0, np.inf, "a standard deviation of the samples") for axis in "xyz"]
     later = ("end_s", start + 1e-9, np.inf, "a time after start_s")

@@ -106,7 +106,7 @@ MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 
 Sampled = tuple[Array, Array, NDArray[np.intp] | None]
 """Stamps, s, and readings of a channel, and its rows in the file from 0, (n,) each; None = all."""
-MOST_ASKED = 64
+MOST_TRIED = 64
 """Columns that are asked whether they tell the sources of the rows apart."""
 MOST_PARTS = 16
 """Sources of the rows of one table."""
@@ -461,7 +461,7 @@ ASSUMED_ANGLE = "angle_std is not declared: the angles of the dwells are taken a
 def load_dwell_table(path: Path) -> Dwells:
     """Dwells of a table, with the sidecar beside it."""
     beside = sidecar_of(path)
-    return from_table(open_table(path), read_sidecar(beside) if has_sidecar(path) else no_sidecar(), beside)
+    return dwells_from(open_table(path), read_sidecar(beside) if has_sidecar(path) else no_sidecar(), beside)
 
 
 def dwell_columns(table: Table) -> dict[str, str]:
@@ -479,12 +479,12 @@ def _by_base(table: Table) -> dict[str, list[str]]:
     return columns
 
 
-def is_table(table: Table) -> bool:
+def is_dwell_table(table: Table) -> bool:
     """Whether a file has the header of a table of dwells."""
     return {"attitude_deg", "mean"} <= {*dwell_columns(table)}
 
 
-def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
+def dwells_from(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     """Dwells of a table that is open."""
     named = dwell_columns(table)
     missing = [name for name in COLUMNS if name not in named and name not in OPTIONAL]
@@ -501,9 +501,9 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
             raise RecordingError(f'{table.path}: columns {shown} may each be "{name}"; call the one to use "{name}"')
     read = table.read(list(named.values()))
     columns = {
-        name: in_header_unit(table, name, column, complete(table, column, read[column]))
+        name: in_header_unit(table, name, column, complete_column(table, column, read[column]))
         for name, column in named.items()
-        if not (name in OPTIONAL and empty(read[column]))
+        if name not in OPTIONAL or (filled := read[column].present) is None or filled.any()
     }
     limits = (
         ("attitude_deg", -MOST_DEGREES, MOST_DEGREES, "an angle of at most 360 degrees"),
@@ -536,7 +536,9 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         gravity=local_gravity(setup),
         name=visible(table.path.name, one_line=True),
         digest=digest_of(table.path),
-        assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
+        assumptions=undeclared_of_dwells(setup)
+        + repeated_rows_note(table, columns)
+        + kelvin_note(columns.get("temperature_degC")),
     )
 
 
@@ -578,12 +580,7 @@ def require_between(
             )
 
 
-def empty(column: Column) -> bool:
-    """Whether every cell of a column is empty."""
-    return column.present is not None and not column.present.any()
-
-
-def complete(table: Table, name: str, column: Column) -> Array:
+def complete_column(table: Table, name: str, column: Column) -> Array:
     """Values of a column without empty cells.
 
     Raises
@@ -607,7 +604,7 @@ def local_gravity(setup: DwellSetup | None) -> float:
     return (setup.gravity if setup else None) or STANDARD_GRAVITY
 
 
-def assumed(setup: DwellSetup) -> tuple[str, ...]:
+def undeclared_of_dwells(setup: DwellSetup) -> tuple[str, ...]:
     """Sentences on what a sidecar does not declare of dwells."""
     unsaid = {ASSUMED_GRAVITY: setup.gravity is None, ASSUMED_ANGLE: setup.angle_std is None}
     return tuple(sentence for sentence, missing in unsaid.items() if missing)
@@ -617,7 +614,7 @@ ROOM = (233.0, 398.0)
 """Temperatures of a laboratory and its ovens, K; in degC few accelerometers stand them."""
 
 
-def in_kelvin(temperature: Array | None) -> tuple[str, ...]:
+def kelvin_note(temperature: Array | None) -> tuple[str, ...]:
     """A sentence on temperatures of dwells that are those of a laboratory if they are in kelvin."""
     if temperature is None or not ROOM[0] <= np.min(temperature) <= np.max(temperature) <= ROOM[1]:
         return ()
@@ -625,7 +622,7 @@ def in_kelvin(temperature: Array | None) -> tuple[str, ...]:
     return (f"temperature_degC is {span}, as if it were in kelvin; expected degC: subtract 273.15 if it is",)
 
 
-def repeated(table: Table, columns: Mapping[str, Array]) -> tuple[str, ...]:
+def repeated_rows_note(table: Table, columns: Mapping[str, Array]) -> tuple[str, ...]:
     """A sentence on rows of a table of dwells that equal one before in every cell."""
     first, of = np.unique(np.column_stack(list(columns.values())), axis=0, return_index=True, return_inverse=True)[1:]
     again = np.flatnonzero(first[of.ravel()] < np.arange(len(of)))
@@ -1046,10 +1043,10 @@ def recording_of(
         prior_sizes=declared.prior_sizes,
     )
     clocks = {name: source.time for name, source in plan.sources.items()}
-    told_by = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name
-    if len(accel) and clocks.get(told_by, clocks["accel"]) != clocks["accel"]:
+    motion_channel = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name
+    if len(accel) and clocks.get(motion_channel, clocks["accel"]) != clocks["accel"]:
         beside = [name for name in channels if clocks.get(name) == clocks["accel"]]
-        rates = declared_rate(declared, "accel"), declared_rate(declared, told_by)
+        rates = declared_rate(declared, "accel"), declared_rate(declared, motion_channel)
         recording = of_two_clocks(recording, rates, beside)
     if len(accel) and len(position):
         quality.require_overlap(str(path), recording.accel, recording.position)
@@ -1211,7 +1208,7 @@ def _samples(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        filled = _kept(table, name, stamps, y)
+        filled = _sampled_rows(table, name, stamps, y)
         rows = slice(None) if filled is None else filled
         sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, filled)
     _with_lost_rows(plan, sampled, findings)
@@ -1428,7 +1425,7 @@ def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
     t = _instants(table, plan, clock, table.read(stamps))[0].values
     if np.all(t[1:] > t[:-1]):
         return None
-    for column in table.columns[:MOST_ASKED]:
+    for column in table.columns[:MOST_TRIED]:
         if column in (source.column, *stamps):
             continue
         with suppress(RecordingError):
@@ -1453,7 +1450,7 @@ def _line_where(table: Table, plan: Plan, name: str, column: str, value: str) ->
     return f'[channels]\n{name} = {{ column = {toml_text(source.column)}, unit = "{unit}", {where} }}'
 
 
-def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:
+def _sampled_rows(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:
     """Return where a channel was sampled; None = everywhere."""
     if stamps.present is None:
         return y.present

@@ -23,7 +23,7 @@ from accelcal.io.assign import (
 )
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
-from accelcal.io.loading import dwell_columns, is_table
+from accelcal.io.loading import dwell_columns, is_dwell_table
 from accelcal.io.sidecar import KEYS, UNKNOWN, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
 
@@ -56,7 +56,7 @@ def template(path: str | Path) -> str:
     """
     path = Path(path)
     table = open_table(path)
-    if is_table(table):
+    if is_dwell_table(table):
         return _of_dwells(table)
     assigned = discover(table)
     by_name = {column: channel for column, (channel, _) in assigned.items()}

@@ -109,13 +109,12 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
     counts = Counter(map(owner_of, named.values()))
     summed = {name for name, count in counts.items() if count > MOST_COLUMNS and name in CATALOGUE and not in_full}
     rows: list[Row] = []
+    first = {owner_of(e): e for e in reversed(fit.estimates)}
     for e in fit.estimates:
         name = owner_of(e)
         if name in summed:
-            summed.discard(name)
-            counts[name] *= -1  # its row stands
-            rows.append(curve_row(fit, name, -counts[name]))
-        elif counts[name] > 0 and (in_full or e not in unused):
+            rows += [curve_row(fit, name, counts[name])] if e is first[name] else []
+        elif counts[name] and (in_full or e not in unused):
             rows.append({**estimate_row(fit, e), "where": at_zero(fit, e.name)})
             rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name == e.name and e.run in (None, mean.run)]
     rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name not in counts]
