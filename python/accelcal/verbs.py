@@ -33,7 +33,7 @@ from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import size_priors
 from accelcal.diagnosis.search.hypotheses import hypotheses_for, lacks_its_position, may_be_refined
-from accelcal.diagnosis.search.refine import together
+from accelcal.diagnosis.search.refine import with_likely_processes
 from accelcal.diagnosis.search.scan import Scan, scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
 from accelcal.diagnosis.select.improvement import Improvement, Step, contradicted, nested_fits
@@ -501,7 +501,7 @@ def add(
         waves |= {name: size} if size else {}
     grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), **how)
     for _ in range(ROUNDS if any(find(name).port == "process" for name in names) else 0):
-        model, gained, unseen = together(solution.model, solution.states)
+        model, gained, unseen = with_likely_processes(solution.model, solution.states)
         if gained < SETTLED:
             break
         with suppress(ValueError):  # the fit at hand stays where there is no other

@@ -608,7 +608,7 @@ def with_dwells(
     if positions:
         recordings = with_positions(recordings, positions)
     if not recordings:
-        return together(dwells)
+        return joined_dwells(dwells)
     return dwells_with_first(recordings, dwells)
 
 
@@ -665,10 +665,10 @@ def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells]
             "which has three; expected positions of all three: a record of the rests whose sidecar maps accel_x, "
             'accel_y, accel_z, with [dwell] attitude = "unknown". Or fit one output alone, accel with [rig] input_axis'
         )
-    return [first.with_dwells(together(every)), *(replace(r, dwells=None) for r in others)]
+    return [first.with_dwells(joined_dwells(every)), *(replace(r, dwells=None) for r in others)]
 
 
-def together(several: Sequence[Dwells]) -> Dwells:
+def joined_dwells(several: Sequence[Dwells]) -> Dwells:
     """Dwells of several files as one set; groups of two files have angle zeros of their own.
 
     Raises

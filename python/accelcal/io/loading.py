@@ -190,7 +190,7 @@ def _of_attitude(
                 "column, or leave [channels.attitude] out"
             )
     place = [channels.pop(name) for name in PLACE]
-    stamps, q = together([channels.pop(name) for name in ATTITUDE])
+    stamps, q = at_shared_instants([channels.pop(name) for name in ATTITUDE])
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
     noise: Array | float = attitude.noise or unchanged("scatter", (q,), lambda: attitude_scatter(q))
@@ -203,7 +203,7 @@ def _of_attitude(
         sense = "sensor to ENU"
     else:
         noise = float(noise) ** 2 * median_step(stamps)
-    t, r = together(place)
+    t, r = at_shared_instants(place)
     near = np.pad(within(stamps), 1)[np.searchsorted(stamps, t)] | np.isin(t, stamps)
     if int(np.sum(near)) < 2:
         raise RecordingError(
@@ -321,7 +321,7 @@ def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Arra
     return t, behind.angle, findings
 
 
-def together(parts: Sequence[Channel]) -> tuple[Array, Array]:
+def at_shared_instants(parts: Sequence[Channel]) -> tuple[Array, Array]:
     """Channels at the instants at which all were sampled: (n,) s and (n, channels)."""
     t = parts[0].t
     for part in parts[1:]:
@@ -366,7 +366,7 @@ def _rates(file: str, channels: dict[str, Channel], declared: Sidecar) -> tuple[
                 f'{file}: column "{declared.channels[name].column}", {name}: {what}; expected an angular rate, '
                 'right-handed about the same axes as input_axis: unit = "rad/s"'
             )
-    t, rates = together([channels.pop(name) for name in GYROSCOPE])
+    t, rates = at_shared_instants([channels.pop(name) for name in GYROSCOPE])
     if len(t) < 2:
         raise RecordingError(
             f"{file}: {', '.join(GYROSCOPE)} share {len(t)} instants; at least 2 are needed. Check their time columns"

@@ -210,7 +210,7 @@ def residual_of_axes(
     previous : of the previous model, on the same recordings; drawn pale.
     """
     beside = (*axes.values(), *previous.values())
-    return together(
+    return side_by_side(
         RESIDUAL,
         {a: accel_residual(evaluation, previous=previous.get(a), beside=beside) for a, evaluation in axes.items()},
         1,
@@ -224,10 +224,10 @@ def coasting_of_axes(axes: Mapping[str, Evaluation]) -> Figure:
     ----------
     axes : from `accelcal.compare`, by axis.
     """
-    return together(DRIFT, {axis: coasting(e, beside=tuple(axes.values())) for axis, e in axes.items()}, 3)
+    return side_by_side(DRIFT, {axis: coasting(e, beside=tuple(axes.values())) for axis, e in axes.items()}, 3)
 
 
-def together(name: str, figures: Mapping[str, Figure], columns: int) -> Figure:
+def side_by_side(name: str, figures: Mapping[str, Figure], columns: int) -> Figure:
     """Figures of one panel for each output as one, whose panels say what the headlines said beyond their `name`; one
     figure alone as it is."""
     panels = tuple(

@@ -215,13 +215,13 @@ def pooled_floor(several: Sequence[Evaluation], readings: Sequence[int]) -> Nois
             (floor.drift[horizon], evaluation.coast_starts[horizon])
             for floor, evaluation in zip(present, several, strict=True)
         ]
-        drift[horizon] = together([(estimate, count) for estimate, count in drifts if estimate is not None and count])
-    simulated = together([(floor.simulated, count) for floor, count in zip(present, readings, strict=True)])
+        drift[horizon] = pooled_rms([(estimate, count) for estimate, count in drifts if estimate is not None and count])
+    simulated = pooled_rms([(floor.simulated, count) for floor, count in zip(present, readings, strict=True)])
     limits = [floor for floor in present if floor.sensor.is_limit]
     return NoiseFloor((limits or present)[0].sensor, drift, simulated or present[0].simulated)
 
 
-def together(several: Sequence[tuple[RmsInterval, int]]) -> RmsInterval | None:
+def pooled_rms(several: Sequence[tuple[RmsInterval, int]]) -> RmsInterval | None:
     """Independent root mean squares with their weights as one; the deviations of the squares add in quadrature."""
     total = sum(count for _, count in several)
     if not total:

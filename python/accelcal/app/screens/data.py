@@ -514,7 +514,9 @@ def fitting(page: Page) -> None:
     """Fit the base model."""
     bench, state = page.bench, page.bench.state
     if state.step is None:
-        ui.label(f"Estimates bias, scale factor and time offset{together(state)}, then searches for missing effects.")
+        ui.label(
+            f"Estimates bias, scale factor and time offset{what_is_fitted(state)}, then searches for missing effects."
+        )
     else:
         ui.label(f"Current model: {' '.join(s.label for s in state.path)}.")
     with ui.row().classes("line"):
@@ -528,8 +530,8 @@ def fitting(page: Page) -> None:
         widgets.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)
 
 
-def together(state: State) -> str:
-    """What is fitted, where that is more than one recording."""
+def what_is_fitted(state: State) -> str:
+    """Words for the recordings that are fitted; empty for a single one."""
     fitted = [run for run in state.runs if run.role == "fit" and run.known is not None]
     count = sum(run.recording is not None for run in fitted)
     motions = "one recording" if count == 1 else f"{count} recordings"

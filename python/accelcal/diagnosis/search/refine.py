@@ -166,7 +166,7 @@ def in_step(runs: Sequence[BaseProjection], searches: Sequence[Search[Result]]) 
     return [results[k] for k in range(len(searches))]
 
 
-def together(model: Model, states: Sequence[RunState]) -> tuple[Model, float, tuple[str, ...]]:
+def with_likely_processes(model: Model, states: Sequence[RunState]) -> tuple[Model, float, tuple[str, ...]]:
     """A model whose random processes have their most likely intensities and time constants, all at once.
 
     A process that enters first takes what a later one explains better; so they would depend on the order in which they
