@@ -42,10 +42,10 @@ def drawn(seed: int, others: bool) -> tuple[World, str, float]:
     return World(motion=motion, hidden=(hidden,), seed=seed, nuisances=nuisances), f"{f0:.2f} Hz, Q {q:.1f}", f0
 
 
-def behind(recording: Recording, f0: float, q: float) -> Recording:
+def behind(recording: Recording, f0: float, q: float, tolerance: float) -> Recording:
     """The recording with a resonance declared before its low-pass."""
     rig = recording.rig
-    filters = (ChannelFilter("resonance", cutoff=f0, quality=q), *rig.passed_by_output)
+    filters = (ChannelFilter("resonance", cutoff=f0, quality=q, tolerance=tolerance), *rig.passed_by_output)
     return replace(recording, rig=replace(rig, lowpass=None, output_filters=filters))
 
 
@@ -57,7 +57,7 @@ def main() -> None:
     options.add_argument("--others", action="store_true")
     chosen = options.parse_args()
     counts: dict[str, int] = {}
-    apart, errors = list[float](), list[tuple[float, float]]()
+    apart, errors, sigmas = list[float](), list[tuple[float, float]](), list[float]()
     for seed in range(chosen.seed, chosen.seed + chosen.records):
         world, hidden, f0 = drawn(seed, chosen.others)
         with tempfile.TemporaryDirectory() as folder:
@@ -71,7 +71,8 @@ def main() -> None:
             detail = ", ".join(diagnosis.effects)
         else:
             said, std = float(note.values["f0"]), float(note.values["f0_std"])
-            with_it = ac.fit(behind(recording, said, float(note.values["q"])))
+            with_it = ac.fit(behind(recording, said, float(note.values["q"]), std / said))
+            sigmas.append((with_it["scale_factor"].value - k) / with_it["scale_factor"].std)
             errors.append((fit["scale_factor"].value - k, with_it["scale_factor"].value - k))
             apart.append((said - f0) / std)
             kind = "said"
@@ -83,6 +84,7 @@ def main() -> None:
         before, after = np.sqrt(np.mean(np.square(errors), axis=0))
         print(f"frequency: rms {np.sqrt(np.mean(np.square(apart))):.2f}, most {np.max(np.abs(apart)):.1f} std")
         print(f"k, rms error: {100 * before:.3f} % without, {100 * after:.3f} % with the resonance")
+        print(f"... over its standard deviation: rms {np.sqrt(np.mean(np.square(sigmas))):.1f}")
 
 
 if __name__ == "__main__":
