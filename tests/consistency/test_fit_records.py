@@ -14,6 +14,8 @@ import pytest
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.estimation import estimate as fits
+from accelcal.estimation import gauss_newton
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones
@@ -115,6 +117,24 @@ def test_record_of_any_shape_is_fitted_within_its_uncertainty(name: str) -> None
     print(name, {key: round(value, 2) for key, value in z.items()}, found.remarks)
     assert max(abs(value) for value in z.values()) < LIMIT
     assert not any(one.code == "not_settled" for one in found.remarks)
+
+
+def test_estimates_that_stay_are_settled_however_small_the_last_step_must_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = interleaved(1).recording
+    usual = estimate(Model.linear(), recording)
+    monkeypatch.setattr(gauss_newton, "CONVERGED", 0.0)
+    found = estimate(Model.linear(), recording)
+    assert not any(one.code == "not_settled" for one in found.remarks)
+    assert found["scale_factor"].std == pytest.approx(usual["scale_factor"].std, rel=0.01)
+    monkeypatch.setattr(fits, "TRIAL_SETTLED", 0.0)  # the twin
+    assert any(one.code == "not_settled" for one in estimate(Model.linear(), recording).remarks)
+
+
+def test_a_cubic_that_the_iteration_runs_away_from_is_not_settled() -> None:
+    truth = {"bias": 0.05, "cubic": 0.103}
+    made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(37))
+    found = estimate(Model.linear().add("cubic"), made.recording)
+    assert any(one.code == "not_settled" for one in found.remarks)
 
 
 @pytest.mark.parametrize("name", ["encoder at 50 Hz", "output silent for 1 s", "clock counts from 1970"])

@@ -53,6 +53,7 @@ from accelcal.estimation.engines import ENGINES, Engine, Method, engine_named, m
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
+    TRIAL_SETTLED,
     Agreement,
     BandTrial,
     Layout,
@@ -713,7 +714,7 @@ def result(solution: Solution) -> Fit:
     remarks += [note for dwells in still for note in dwells.remarks]
     covariates = covariates_found(solution)
     remarks += run_to_run(covariates, spreads, {e.name: e.value for e in estimates})
-    if not solution.converged:
+    if solution.moving > TRIAL_SETTLED:
         remarks.append(remark("not_settled", rounds=MAX_ROUNDS))
     fits = tuple(run_fit(state, model) for state in states)
     remarks += [

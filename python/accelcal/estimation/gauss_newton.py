@@ -39,7 +39,8 @@ ASTRAY = 1.0
 given up: it does not converge in the rounds that are left."""
 TRIAL_SETTLED = 0.3
 """A trial whose last step moves no parameter by more standard deviations than this has an answer: bands are ranked by
-uncertainties, and a limit cycle far below one takes nothing from them."""
+uncertainties, and a limit cycle far below one takes nothing from them. A fit whose estimates stay within it is not said
+to be unsettled."""
 PER_RUN_OWNERS = ("timing",)
 """Owners whose coefficients belong to each run of a joint fit, to all axes of it."""
 PER_AXIS_OWNERS = ("sensor", "mounting")
@@ -159,6 +160,8 @@ class Solution:
     """Engine that was asked for."""
     agreement: Agreement | None = None
     """Of the static positions of the fit with its motion; None where it has none."""
+    moving: float = 0.0
+    """Largest range of an estimate over the last rounds, in standard deviations; 0 where the iteration converged."""
 
     @property
     def at_shapes(self) -> Array:
@@ -270,6 +273,8 @@ def estimated(
     if any(state.band is not None for state in states):
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn + X.T @ X)
     agreement = None if still is None else Agreement.of(X, y - X @ step, bound, covariance, layout)
+    over_rounds = np.ptp([estimates for estimates, _ in rounds], axis=0) if len(rounds) > 1 else math.inf
+    moving = 0.0 if converged else float(np.max(over_rounds / np.sqrt(np.diag(bound)), initial=moved))
     if covariance is bound and not converged and len(rounds) > 1:
         covariance = unsettled(rounds)
     # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
@@ -278,7 +283,9 @@ def estimated(
         for term, runs in layout.slots
     ]
     covariance = covariance + np.diag(clock_variance)
-    return Solution(model, layout, x, covariance, states, converged, between=between, agreement=agreement)
+    return Solution(
+        model, layout, x, covariance, states, converged, between=between, agreement=agreement, moving=moving
+    )
 
 
 def unsettled(rounds: Sequence[tuple[Array, Array]]) -> Array:
