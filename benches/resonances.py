@@ -77,6 +77,7 @@ def main() -> None:
             apart.append((said - f0) / std)
             kind = "said"
             detail = f"{said:.2f} ± {std:.2f} Hz; error of k {100 * errors[-1][0]:.3f} % -> {100 * errors[-1][1]:.3f} %"
+            detail += f", {sigmas[-1]:.1f} std"
         counts[kind] = counts.get(kind, 0) + 1
         print(f"{seed} {world.motion}, {hidden}: {kind}, {detail}", flush=True)
     print(f"of {chosen.records}: {', '.join(f'{count} {kind}' for kind, count in sorted(counts.items()))}")

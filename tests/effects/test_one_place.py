@@ -30,6 +30,7 @@ HOMONYMS = {
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
     ("data/orientation.py", "arm_bending"): "a side channel",
     ("data/orientation.py", "lever_arm"): "in the sentence on what the turning of a body leaves open",
+    ("estimation/estimate.py", "sensor_resonance"): "what the tolerance of a declared resonance leaves open",
     ("estimation/smoothing.py", "lever_arm"): "the place at which effects of the sensor see the force",
     ("data/orientation.py", "quadratic"): "K2 in the sentence on what the turning of an arm leaves open",
     ("data/recording.py", "velocity"): "a reference",
