@@ -181,8 +181,17 @@ def main() -> int:
     tree = ROOT / "build" / f"mutants-{chosen.seed}"
     if not tree.exists():
         subprocess.run(["git", "worktree", "add", "-q", "--detach", str(tree)], cwd=ROOT, check=True)
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    subprocess.run(["git", "checkout", "-q", "--force", "--detach", head.strip()], cwd=tree, check=True)
     for library in (ROOT / "python" / "accelcal").glob("_core*.so"):
         shutil.copy(library, tree / "python" / "accelcal")
+    unchanged = {
+        "file": "accelcal/__init__.py",
+        "source": (tree / "python/accelcal/__init__.py").read_text(),
+        "tests": [],
+    }
+    if outcome(tree, unchanged) != "survived":
+        raise SystemExit(f"{FIGURES} fails before anything is changed")
     chosen.out.parent.mkdir(exist_ok=True)
     ran = [json.loads(line) for line in chosen.out.read_text().splitlines()] if chosen.out.exists() else []
     earlier = {row["key"] for row in ran}
