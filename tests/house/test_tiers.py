@@ -36,6 +36,20 @@ def exists(test: str) -> bool:
     return name in functions(file)
 
 
+def shared_generators(source: str) -> list[int]:
+    """Lines of a module at which a generator gets a name that its tests share: what they draw hangs on their order."""
+    assigned = (node for node in ast.parse(source).body if isinstance(node, ast.Assign | ast.AnnAssign))
+    calls = ((node.lineno, node.value.func) for node in assigned if isinstance(node.value, ast.Call))
+    return [line for line, call in calls if ast.unparse(call) in ("np.random.default_rng", "random.Random")]
+
+
+def test_no_generator_is_shared_by_tests() -> None:
+    paths = [path for folder in ("tests", "benches") for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert not [path.name for path in paths if shared_generators(path.read_text(encoding="utf-8"))]
+    assert shared_generators("import numpy as np\nRNG = np.random.default_rng(3)\n") == [2]
+    assert not shared_generators("Y = np.random.default_rng(3).normal(size=9)\n")
+
+
 def test_every_slow_test_has_a_fast_case_or_a_guard(pytestconfig: pytest.Config) -> None:
     assert pytestconfig.unguarded == set()  # type: ignore[attr-defined]
 

@@ -18,9 +18,7 @@ from tests.io.recorders import IN_MESSAGES, NO_UNITS, RECORDERS, named
 PAGE = Path(__file__).parents[2] / "docs" / "your-data.md"
 STEP = 1.0 / 128.0
 N = 60
-RNG = np.random.default_rng(5)
-ACCEL = RNG.normal(size=N).astype(np.float32).astype(np.float64)  # C3D holds floats
-POSITION = RNG.normal(size=N).astype(np.float32).astype(np.float64)
+ACCEL, POSITION = np.random.default_rng(5).normal(size=(2, N)).astype(np.float32).astype(np.float64)  # C3D: floats
 COLUMNS = {"accel": ACCEL, "position": POSITION}
 UNITS = {"accel": "m/s^2", "position": "m"}
 DEFINED = {"bag", "db3"}

@@ -77,12 +77,18 @@ class _Signals:
 
     def _again(self, lost: sys.UnraisableHookArgs) -> None:
         """A signal that came in a finaliser or a callback of a weak reference, where Python drops what is raised, comes
-        once more."""
+        again until it is obeyed: one that comes just before a call that waits, such as a sleep, does not end it."""
         if isinstance(lost.exc_value, Stopped):
             self.first = None
             to_main = getattr(signal, "pthread_kill", None)  # wakes it, where there is such a call
             arguments = (threading.main_thread().ident, lost.exc_value.number) if to_main else (lost.exc_value.number,)
-            threading.Timer(0.01, to_main or signal.raise_signal, arguments).start()
+
+            def insist() -> None:
+                while self.first is None:
+                    time.sleep(0.01)
+                    (to_main or signal.raise_signal)(*arguments)
+
+            threading.Thread(target=insist, daemon=True).start()
         else:
             sys.__unraisablehook__(lost)
 
