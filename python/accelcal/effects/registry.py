@@ -688,5 +688,5 @@ def find(name: str) -> Effect:
         return CATALOGUE[name]
     except KeyError:
         near = difflib.get_close_matches(name, CATALOGUE, n=3)
-        hint = f"; did you mean {' or '.join(near)}?" if near else f"; known are {', '.join(CATALOGUE)}"
+        hint = f"; did you mean {' or '.join(near)}?" if near else "; accelcal effects lists them all"
         raise AccelcalError(f"there is no effect called {name!r}{hint}") from None
