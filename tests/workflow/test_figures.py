@@ -38,6 +38,8 @@ DEPTH = 2
 """Keys, the number of the result first, that lead to a group of numbers."""
 TINY = 1e-12
 """What is smaller is rounding, in m, m/s^2 or as a probability."""
+BEGIN = 7.3
+"""First instant of a record, s: at 0 much that begins with it looks right."""
 PASSED = ("version", "digest", "sentence", "text", "schema", "session")
 """Keys of JSON outputs that hold no figure."""
 Effect = Callable[["Motion"], np.ndarray | float]
@@ -57,7 +59,7 @@ class Motion:
     @property
     def temperature(self) -> np.ndarray:
         """Of the sensor, which warms up by 8 K, degC."""
-        return 28.0 - 8.0 * np.exp(-self.t / 9.0)
+        return 28.0 - 8.0 * np.exp((BEGIN - self.t) / 9.0)
 
     @property
     def across(self) -> np.ndarray:
@@ -88,7 +90,7 @@ def record(
     seconds: float = 30.0,
 ) -> ac.Recording:
     """A record whose output holds an effect, or whose reference does; k = 0.012, K0 = 0.08 m/s^2."""
-    m = motion(seed, np.arange(0.0, seconds, 1.0 / rate), scale)
+    m = motion(seed, BEGIN + np.arange(0.0, seconds, 1.0 / rate), scale)
     output = 1.012 * m.a + 0.08 + effect(m) + noise * m.rng.standard_normal(len(m.t))
     place = {"position": m.p, "velocity": m.v, "reference_acceleration": m.a}[reference] + reads(m)
     unit = {"position": "m", "velocity": "m/s", "reference_acceleration": "m/s^2"}[reference]
@@ -163,7 +165,7 @@ def declared(**settings: Any) -> Rig:
 
 
 def wiener_process(m: Motion, size: float) -> np.ndarray:
-    return np.cumsum(m.rng.standard_normal(len(m.t))) * size * math.sqrt(m.t[1])
+    return np.cumsum(m.rng.standard_normal(len(m.t))) * size * math.sqrt(m.t[1] - m.t[0])
 
 
 def curve(run: ac.Recording) -> Iterator[Any]:
@@ -236,7 +238,7 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
     ),
     "spoilt": lambda: improved(spoilt(11)),
     "an encoder's wave": lambda: improved(record(12, reads=lambda m: 2e-5 * np.sin(2.0 * np.pi * m.p / 0.02))),
-    "a hum": lambda: improved(record(13, lambda m: 0.02 * np.sin(2.0 * np.pi * 50.0 * m.t + 0.3))),
+    "a hum": lambda: improved(record(13, lambda m: 0.06 * np.sin(2.0 * np.pi * 41.0 * m.t + 0.3))),
     "AC coupling": lambda: improved(
         behind(record(14), [0.999, -0.999], [1.0, -0.998], ChannelFilter("butterworth", "highpass", cutoff=0.0637))
     ),
@@ -302,7 +304,7 @@ def sums(results: Iterable[Any]) -> Figures:
         rms = float(np.sqrt(np.mean(y**2))) or 1.0
         more = len(y), weights[0] * math.log(rms), np.mean(weights * y) / rms
         figures[key] = [a + b for a, b in zip(figures[key], more, strict=True)]
-    return {key: [count, *(float(f"{value:.7g}") for value in both)] for key, (count, *both) in figures.items()}
+    return {key: [count, *(float(f"{value:.10g}") for value in both)] for key, (count, *both) in figures.items()}
 
 
 def differing(a: Figures, b: Figures) -> list[str]:
