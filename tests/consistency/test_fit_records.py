@@ -123,18 +123,18 @@ def test_estimates_that_stay_are_settled_however_small_the_last_step_must_be(mon
     recording = interleaved(1).recording
     usual = estimate(Model.linear(), recording)
     monkeypatch.setattr(gauss_newton, "CONVERGED", 0.0)
-    found = estimate(Model.linear(), recording)
-    assert not any(one.code == "not_settled" for one in found.remarks)
-    assert found["scale_factor"].std == pytest.approx(usual["scale_factor"].std, rel=0.01)
+    cycling = estimate(Model.linear(), recording)
+    assert not any(note.code == "not_settled" for note in cycling.remarks)
+    assert cycling["scale_factor"].std == pytest.approx(usual["scale_factor"].std, rel=0.01)
     monkeypatch.setattr(fits, "TRIAL_SETTLED", 0.0)  # the twin
-    assert any(one.code == "not_settled" for one in estimate(Model.linear(), recording).remarks)
+    assert any(note.code == "not_settled" for note in estimate(Model.linear(), recording).remarks)
 
 
 def test_a_cubic_that_the_iteration_runs_away_from_is_not_settled() -> None:
     truth = {"bias": 0.05, "cubic": 0.103}
-    made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(37))
-    found = estimate(Model.linear().add("cubic"), made.recording)
-    assert any(one.code == "not_settled" for one in found.remarks)
+    simulated = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(37))
+    runaway = estimate(Model.linear().add("cubic"), simulated.recording)
+    assert any(note.code == "not_settled" for note in runaway.remarks)
 
 
 @pytest.mark.parametrize("name", ["encoder at 50 Hz", "output silent for 1 s", "clock counts from 1970"])

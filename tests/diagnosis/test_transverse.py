@@ -22,10 +22,10 @@ def trial(
 
 
 def test_the_band_of_a_transverse_sensitivity_is_found() -> None:
-    found = [(low, high) for low, high, p in trial(np.random.default_rng(3), 0.5) if p < 1e-5]
-    assert found
-    assert min(low for low, _ in found) < 5.5
-    assert max(high for _, high in found) < 16.0
+    bands = [(low, high) for low, high, p in trial(np.random.default_rng(3), 0.5) if p < 1e-5]
+    assert bands
+    assert min(low for low, _ in bands) < 5.5
+    assert max(high for _, high in bands) < 16.0
 
 
 def test_what_both_share_with_the_motion_is_no_coherence() -> None:

@@ -119,6 +119,11 @@ def simulated_fit():
         ),
         ('lowpass = [{ fc = "9 Hz" }, { fc = "9" }]', "lowpass.2.fc", "expected a frequency"),
         ('lowpass = { kind = "resonance", f0 = "9 Hz" }', "lowpass", "f0 and Q are needed"),
+        (
+            'lowpass = [{ kind = "resonance", f0 = "9 Hz", Q = 3 }, { fc = "9 Hz", tolerance = 0.1 }]',
+            "",
+            "of its resonance",
+        ),
         ('lowpass = { kind = "resonance", f0 = "9 Hz", Q = 3, tolerance = 2 }', "lowpass", "a share of f0 from 0 to 1"),
         ('lowpass = { kind = "resonance", f0 = "9 Hz", Q = 0 }', "lowpass.Q", "a pure number that is positive"),
         ('highpass = { kind = "resonance", f0 = "9 Hz", Q = 3 }', "highpass", "a spring passes it"),

@@ -145,10 +145,9 @@ def behind(run: ac.Recording, b: list[float], a: list[float], *declared: Channel
 def simulated(profile: str, seed: int, **parameters: float) -> ac.Recording:
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01} | parameters
-    made = ac.simulate(
+    return ac.simulate(
         profile, seconds=16.0, rig=CXL02_RIG, parameters=truth, rng=rng, accel_rate=400.0, position_rate=200.0
-    )
-    return made.recording
+    ).recording
 
 
 def resonated(m: Motion) -> np.ndarray:
@@ -243,7 +242,7 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
         behind(record(14), [0.999, -0.999], [1.0, -0.998], ChannelFilter("butterworth", "highpass", cutoff=0.0637))
     ),
     "an undeclared low-pass": lambda: improved(behind(record(15), [0.25], [1.0, -0.75])),
-    "a declared low-pass": lambda: improved(replace(simulated("tones", 16, cubic=2e-3))),
+    "a declared low-pass": lambda: improved(simulated("tones", 16, cubic=2e-3)),
     "a resonance": lambda: improved(record(17, resonated)),
     "a step of the bias": lambda: improved(record(19, lambda m: np.where(m.t > 12.0, 0.01, 0.0))),
     "a walk of the bias": lambda: improved(record(20, lambda m: wiener_process(m, 4e-3))),

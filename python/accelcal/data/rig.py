@@ -55,7 +55,8 @@ class ChannelFilter:
     quality: float | None = None
     """Quality factor Q of resonance: a mass on a spring, w0²/(s² + w0 s/Q + w0²)."""
     tolerance: float | None = None
-    """Relative standard uncertainty of the natural frequency of resonance; None: the fit takes it as exact."""
+    """Relative standard uncertainty of the natural frequency of resonance, or of the time constant of RC, which a rig
+    holds as its `lowpass`; None: the fit takes it as exact."""
     length: int = 0
     """Samples in one average of sinc."""
     rate: float | None = None
@@ -346,8 +347,9 @@ class Rig:
     def resonance_prior(self) -> float:
         """Standard deviation of 1/w0² of a declared resonance, s², by its tolerance; 0 where none is declared."""
         unsure = [
-            2.0 * (item.tolerance or 0.0) / (2.0 * math.pi * (item.cutoff or math.inf)) ** 2
+            2.0 * item.tolerance / (2.0 * math.pi * item.cutoff) ** 2
             for item in self.output_filters
+            if item.tolerance and item.cutoff
         ]
         return max(unsure, default=0.0)
 

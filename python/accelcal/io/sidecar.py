@@ -35,6 +35,8 @@ from accelcal.data import (
     Rig,
     RunLabels,
     Sensor,
+    high_passes,
+    low_passes,
     reference_among,
     units,
 )
@@ -534,8 +536,8 @@ _FILTER: dict[str, _Check] = {
 }
 
 
-def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
-    """One filter, and the declared tolerance of its time constant."""
+def _filter(value: object, passes: Pass) -> ChannelFilter:
+    """One filter, with the declared tolerance of its time constant or natural frequency."""
     values = _table(value, "", _FILTER)
     kind = values.pop("kind", "RC")
     keys, needed, missing = _FILTERS[kind]
@@ -561,14 +563,14 @@ def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
         quality=values.get("Q"),
         length=values.get("length", 0),
         rate=values.get("rate"),
-        tolerance=values.get("tolerance") if kind == "resonance" else None,
-    ), values.get("tolerance") if kind != "resonance" else None
+        tolerance=values.get("tolerance"),
+    )
 
 
 def _filters(passes: Pass) -> _Check:
     """One filter or a list of several, as the signal passes them."""
 
-    def check(value: object) -> list[tuple[ChannelFilter, float | None]]:
+    def check(value: object) -> list[ChannelFilter]:
         if not isinstance(value, list):
             return [_filter(value, passes)]
         if not value:
@@ -1277,7 +1279,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], arm_axis: tuple[float, ...] | Non
         sensor=sensor,
         lowpass=lowpass,
         output_filters=output_filters,
-        position_filters=tuple(channel_filter for channel_filter, _ in _declared(channels, reference)),
+        position_filters=tuple(_declared(channels, reference)),
         resolution=resolution,
         reading_noise=noise,
         uncertainty=Uncertainty(**uncertainty),
@@ -1289,30 +1291,31 @@ def _rig(tables: Mapping[str, dict[str, Any]], arm_axis: tuple[float, ...] | Non
     )
 
 
-def _declared(channels: Mapping[str, Any], name: str) -> list[tuple[ChannelFilter, float | None]]:
-    """Declared filters of one channel, with the tolerance of each: high-passes first."""
+def _declared(channels: Mapping[str, Any], name: str) -> list[ChannelFilter]:
+    """Declared filters of one channel: high-passes first."""
     extra = channels[name][1] if name in channels else {}
     filters = [*extra.get("highpass", ()), *extra.get("lowpass", ())]
-    tolerant = [channel_filter for channel_filter, tolerance in filters if tolerance is not None]
-    alone = name == "accel" and len(extra.get("lowpass", ())) == 1
-    if any(not alone or channel_filter.passes == "highpass" for channel_filter in tolerant):
+    alone = len(extra.get("lowpass", ())) == 1
+    if any(
+        name != "accel" or item.passes == "highpass" or not (alone or item.kind == "resonance")
+        for item in filters
+        if item.tolerance is not None
+    ):
         raise _KeyError(
             f"channels.{name}",
-            "a tolerance is estimated where the accelerometer has one RC as its only low-pass; leave out tolerance, "
-            "and give the corner as it was measured",
+            "a tolerance is estimated where the accelerometer has one RC as its only low-pass, and of its resonance; "
+            "leave out tolerance, and give the corner as it was measured",
         )
     return filters
 
 
 def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[ChannelFilter, ...]]:
     """The low-pass of the accelerometer where it is one RC alone, and every other filter of it."""
-    filters = _declared(channels, "accel")
-    low = [(channel_filter, tolerance) for channel_filter, tolerance in filters if channel_filter.passes == "lowpass"]
-    if len(low) == 1 and low[0][0].kind == "RC" and low[0][0].cutoff is not None:
-        return LowPass(low[0][0].cutoff, low[0][1]), tuple(
-            channel_filter for channel_filter, _ in filters if channel_filter.passes == "highpass"
-        )
-    return None, tuple(channel_filter for channel_filter, _ in filters)
+    filters = tuple(_declared(channels, "accel"))
+    low = low_passes(filters)
+    if len(low) == 1 and low[0].kind == "RC" and low[0].cutoff is not None:
+        return LowPass(low[0].cutoff, low[0].tolerance), tuple(high_passes(filters))
+    return None, filters
 
 
 def _sensor(values: dict[str, Any]) -> Sensor:
