@@ -8,7 +8,7 @@ the reach of the declared filters on both sides.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
@@ -341,6 +341,20 @@ def stuck_positions(run: PreparedRun) -> Stretches:
     return stretches
 
 
+def shown_by_output(recording: Recording, order: int) -> Callable[[Array], Array]:
+    """Motion that the output shows, integrated `order` times, as a function of time; its scale is the output's."""
+    accel, polarity = recording.accel, recording.rig.polarity
+    curve = scipy.interpolate.CubicSpline(accel.t, polarity * (accel.y - np.mean(accel.y))).antiderivative(order)
+    return lambda t: np.asarray(curve(t))
+
+
+def gain_of_changes(read: Array, shown: Array) -> float:
+    """Ratio of what is read (n,) to what is shown (n,), from reading to reading: a slow drift of either is left out."""
+    changes = np.diff(shown)
+    energy = changes @ changes
+    return float(np.diff(read) @ changes / energy) if energy > 0.0 else 0.0
+
+
 def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     """Readings of a velocity that jump away from the integral of the output and come back, as a few of them do.
 
@@ -350,8 +364,7 @@ def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     read, accel = recording.reference, recording.accel
     if read is None or read.name != VELOCITY or len(read) < FEWEST:
         return []
-    u, step = accel.y - np.mean(accel.y), usual_step(read.t)
-    shown = recording.rig.polarity * scipy.interpolate.CubicSpline(accel.t, u).antiderivative()(read.t)
+    step, shown = usual_step(read.t), shown_by_output(recording, 1)(read.t)
     error, gain = interpolation_errors(read.t, read.y - shown)
     sudden = np.abs(interpolation_errors(accel.t, accel.y)[0])
     largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(sudden, 2 * LEFT_OUT_BESIDE + 1))
@@ -359,8 +372,8 @@ def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     near = widened(np.abs(error / gain) > likely + LOST_STEPS * step * largest, LEFT_OUT_BESIDE // 2)
     if not near.any() or np.mean(near) > DISTURBED_SHARE:
         return []
-    v, motion = read.y[~near], shown[~near]  # of these the wrong ones: far from what lies around and the motion between
-    rest = read.y - shown * float(np.diff(v) @ np.diff(motion) / (np.diff(motion) @ np.diff(motion)))
+    # of these the wrong ones: far from what lies around and the motion between
+    rest = read.y - shown * gain_of_changes(read.y[~near], shown[~near])
     out = np.abs(rest - scipy.interpolate.CubicSpline(read.t[~near], rest[~near])(read.t)) > likely
     return [("lost_signal", "reference", [(float(read.t[a]), float(read.t[b])) for a, b in runs_of_true(out, 1)])]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
@@ -14,6 +14,8 @@ from accelcal._support.result import Storable
 from accelcal._support.values import immutable
 from accelcal.data import (
     POSITION_ORDER,
+    Array,
+    Channel,
     Recording,
     RecordingError,
     high_passes,
@@ -21,7 +23,7 @@ from accelcal.data import (
     units,
     usual_step,
 )
-from accelcal.diagnosis.left_out import without_wrong_readings
+from accelcal.diagnosis.left_out import gain_of_changes, shown_by_output, without_wrong_readings
 from accelcal.diagnosis.policy import DATA_SHEET_NOISE_RATIO
 from accelcal.estimation.estimate import Fit, estimate, most_noise
 from accelcal.estimation.gauss_newton import NotIdentifiable
@@ -31,9 +33,8 @@ from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
 from accelcal.response.parametric import ResponseModel, fit_response
 from accelcal.response.sine import ALONE, Point, Reference, SineStep, explained, find_steps, may_be_stepped
-from accelcal.signals.processing import response
+from accelcal.signals.processing import response, spline
 from accelcal.signals.processing import response as gain_of
-from accelcal.signals.series import fill_gaps
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,11 +300,21 @@ def recorded_reference(recording: Recording) -> Reference:
     """What the recording was referred to, its position or a velocity or acceleration, behind its declared filters."""
     rig, read = recording.rig, recording.reference
     channel = recording.position if read is None else read
-    if read is not None and recording.left_out:  # few in a row: a spectral estimation wants even times
-        filled = fill_gaps(read.t, read.y, usual_step(read.t))
-        channel = replace(read, t=filled.t, y=filled.y)
+    order = POSITION_ORDER if read is None else require_reference(read)[0]
+    if read is not None and recording.left_out:
+        channel = _with_gaps_filled(read, shown_by_output(recording, order))
     filters = gain_of(rig.position_filters, 1.0 / usual_step(channel.t))
-    return Reference(channel, POSITION_ORDER if read is None else require_reference(read)[0], rig.polarity, filters)
+    return Reference(channel, order, rig.polarity, filters)
+
+
+def _with_gaps_filled(read: Channel, shown: Callable[[Array], Array]) -> Channel:
+    """The reference on even times, since a spectral estimate wants them: gaps move as the output shows."""
+    steps = np.rint(np.diff(read.t) / usual_step(read.t))
+    rows = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1.0))])
+    t = np.interp(np.arange(rows[-1] + 1.0), rows, read.t)
+    motion = shown(read.t)
+    gain = gain_of_changes(read.y, motion)
+    return replace(read, t=t, y=spline(read.t, read.y - gain * motion, t) + gain * shown(t))
 
 
 def _require_samples(recording: Recording, reference: Reference) -> None:
