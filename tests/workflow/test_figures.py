@@ -22,12 +22,16 @@ import pytest
 from scipy.signal import lfilter
 
 import accelcal as ac
-from accelcal.data import ChannelFilter, Rig, Sensor
+from accelcal.data import ChannelFilter, Rig, RunLabels, Sensor
+from accelcal.estimation.tracks import paths, track
+from accelcal.estimation.triad import fit_triad
 from accelcal.simulation import CXL02_RIG
 from tests.estimation.arms import Rigged
 from tests.estimation.arms import record as of_arm
 from tests.estimation.test_dwells import TRUTH as TUMBLED
 from tests.estimation.test_dwells import tumble
+from tests.estimation.test_triad import positions
+from tests.estimation.test_triad_positions import held, still
 from tests.estimation.triads import Triad
 
 FILE = Path(__file__).with_name("figures.json")
@@ -201,6 +205,63 @@ def differing_runs(count: int) -> Iterator[Any]:
     yield from (fit, ac.diagnose(fit, runs), ac.compare(fit, runs[:2], horizons=(1.0,)))
 
 
+def labelled(count: int) -> Iterator[Any]:
+    """Runs of several days and two mountings, whose scale factor falls by the day."""
+    runs = []
+    for n in range(count):
+        labels = RunLabels(date=20_000.0 + 2.0 * n**1.5, mounting="ab"[n % 2], operator="xyz"[n % 3])
+        run = record(50 + n, lambda m, n=n: -4e-3 * n * m.a + 0.02 * (n % 2), side=("temperature",), seconds=15.0)
+        warm = replace(run.side["temperature"], y=run.side["temperature"].y + (n - 2) ** 2)
+        side = {"temperature": warm}
+        runs.append(replace(run, labels=labels, side=side, name=f"day {n}", digest=f"{n}"))
+    fit = ac.fit(runs)
+    yield from (fit, ac.diagnose(fit, runs))
+
+
+def noise_added(run: ac.Recording, *names: str) -> Iterator[Any]:
+    """A model with effects that add variance, and what they gain on another record."""
+    fit = ac.fit(run)
+    grown = ac.add(fit, run, *names)
+    yield from (grown, ac.diagnose(grown, run), ac.compare([fit, grown], replace(run, name="again"), horizons=(1.0,)))
+
+
+def outlying(m: Motion, size: float) -> np.ndarray:
+    """One sample in fifty is off by a size."""
+    return size * m.rng.standard_normal(len(m.t)) * (m.rng.random(len(m.t)) < 0.02)
+
+
+def rounded(run: ac.Recording, lsb: float) -> ac.Recording:
+    """The output in steps of a converter, with a sample in twenty that repeats the one before."""
+    y = lsb * np.round(run.accel.y / lsb)
+    y[20::20] = y[19:-1:20]
+    return replace(run, accel=replace(run.accel, y=y))
+
+
+def stuck(seed: int) -> ac.Recording:
+    """An output that repeats a value and that no motion explains, an encoder that stops and that jumps, a shock."""
+    run = record(seed, rig=declared(reading_noise=2e-5))
+    y, z = run.accel.y.copy(), run.position.y.copy()
+    y[600:680], y[2000:2060], z[3500:3560] = y[600], 300.0, z[3500]
+    z[[1200, 2800, 2801]] += 4e-3
+    y[4500:4520] += 20.0 * np.exp(-np.arange(20) / 5.0)
+    return replace(run, accel=replace(run.accel, y=y), position=replace(run.position, y=z))
+
+
+def followed(run: ac.Recording, *names: str) -> Iterator[Any]:
+    """A model whose coefficients move: their paths, the readings that settle it, the models that it grew from."""
+    fit = ac.add(ac.fit(run), run, *names)
+    yield from (fit, ac.diagnose(fit, run), *paths(fit, run), *ac.nested(fit, run), track(fit, run))
+
+
+def of_positions() -> Iterator[Any]:
+    """Three outputs, in motion and in positions of unknown attitude."""
+    triad = still(61)
+    with tempfile.TemporaryDirectory() as folder:
+        axes = ac.load_axes(triad.write(Path(folder)))
+    yield fit_triad(positions(np.random.default_rng(60), second=2e-4))
+    yield from (fit := ac.fit([*axes, held(triad)]), ac.diagnose(fit, [*axes, held(triad)]))
+
+
 def planned() -> Iterator[Any]:
     rig, limits = declared(reading_noise=2e-5), {"stroke": 0.3, "v_max": 0.8, "a_max": 8.0}
     yield ac.plan(["quadratic", "velocity"], seconds=20.0, rig=rig, **limits)
@@ -254,6 +315,32 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
         [replace(record(30 + n, lambda m, n=n: 2e-3 * n * m.a), name=f"run {n}", digest=f"{n}") for n in range(3)]
     ),
     "a response": lambda: iter([ac.response.frequency_response(record(25, scale=0.6))]),
+    "days": lambda: labelled(6),
+    "vibration added": lambda: noise_added(
+        record(62, lambda m: 0.3 * np.abs(m.v) * m.rng.standard_normal(len(m.t)), seconds=60.0), "vibration"
+    ),
+    "jitter and outliers added": lambda: noise_added(
+        record(
+            63,
+            lambda m: 5e-4 * m.rng.standard_normal(len(m.t)) * np.gradient(m.a, m.t) + outlying(m, 0.2),
+            reads=lambda m: outlying(m, 3e-4),
+        ),
+        "timing_jitter",
+        "accelerometer_outliers",
+        "encoder_outliers",
+    ),
+    "coarse counts": lambda: improved(rounded(record(64, noise=0.01), 0.2)),
+    "counts added": lambda: noise_added(rounded(record(65, noise=0.01), 0.2), "quantisation", "held_samples"),
+    "another range": lambda: improved(record(70, lambda m: np.where(m.t > 24.0, m.a, 0.0), rig=declared())),
+    "stuck": lambda: improved(stuck(66)),
+    "a process added": lambda: followed(record(67, lambda m: wiener_process(m, 6e-3)), "bias_gauss_markov"),
+    "a process that follows": lambda: followed(
+        record(68, lambda m: wiener_process(m, 3e-3) * m.a, seconds=60.0),
+        "scale_factor_random_walk",
+        "bias_random_walk",
+    ),
+    "positions of three outputs": of_positions,
+    "at rest and warm": lambda: iter([ac.rest(record(69, scale=0.0, seconds=300.0, side=("temperature",)))]),
     "at rest": lambda: iter([ac.rest(record(26, scale=0.0, seconds=120.0, reading=1e-6))]),
     "a model": lambda: asked(record(27, lambda m: 5e-4 * m.a**2 + 3e-4 * m.a**3)),
     "a model in the weak form": lambda: asked(record(28, lambda m: 5e-4 * m.a**2 + 2e-4 * m.a**3), method="weak"),
