@@ -199,19 +199,23 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     unit="1",
     symbol="h",
     scale=SizePrior(0.02, "piezoelectric sensors and AC-coupled channels: tau = 0.1 s to 10 s", (1.0,), mean=1.0),
-    shapes={"tau": Shape("s", slow(0.002, 1000.0), trials=7, spacing="log")},
+    shapes={
+        "tau": Shape("s", slow(0.002, 30.0), trials=4, spacing="log"),
+        "start": Shape("1", (-1.0, 1.0), trials=3, added=True, at_rest=0.0),
+    },
     traits=Traits(positive=True, memory=True),
     search=Search(includes=("bias",)),
 )
-def ac_coupling(s: Signals, tau: float) -> Array:
+def ac_coupling(s: Signals, tau: float, start: float = 0.0) -> Array:
     """First-order high-pass that was not declared (derivations 7.3b): a coupling capacitor, a charge amplifier.
 
     A coefficient of 1 takes away all that is constant, gravity included. While tau exceeds the record only h/tau can
     be estimated, and the prior decides.
 
-    Equation: e = -(1 + k) h x, tau x' = a - x; before the record the stage was at rest.
+    Equation: e = -(1 + k) h x, tau x' = a - x. What x carries over from before the record, or from switching on, is a
+    share of the largest acceleration: 0 where the stage had long been at rest.
     Looks like: after a change of acceleration the output decays to its zero; an output early at low frequencies.
     Easily confused with: velocity where tau exceeds a period of the motion; creep, of which it is one with cc = -1.
     Separate by: a lasting step of tilt, of which a high-pass leaves nothing after 5 tau; motion as slow as 1/tau.
     """
-    return -s.scale * lagged(s.a, tau, s.step, s.rest)
+    return -s.scale * lagged(s.a, tau, s.step, s.rest + start * np.max(np.abs(s.a - s.rest)))

@@ -59,7 +59,8 @@ class LinearisedShape:
     value: float
     span: tuple[float, float]
     term: Term
-    """Its column: what the output gains per unit of the shape parameter."""
+    """Its column: what the output gains per unit of the shape parameter; at other values of those beside it, where they
+    are given."""
 
     @property
     def name(self) -> str:
@@ -109,8 +110,9 @@ def linearised_shape(
     above = min(given[shape] + share * (span[1] - span[0]), span[1])
     trial = beside_offset(effect, given, model)
 
-    def difference(s: Signals) -> Array:
-        change = trial.column(s, **{**given, shape: above}) - trial.column(s, **{**given, shape: below})
+    def difference(s: Signals, **moved: float) -> Array:
+        change = trial.column(s, **{**given, **moved, shape: above})
+        change = change - trial.column(s, **{**given, **moved, shape: below})
         return np.asarray(change.reshape(len(s.t), -1) @ coefficients / (above - below))
 
     tangent = replace(
@@ -150,15 +152,15 @@ def refine_shapes(solution: Solution) -> Solution:
     estimates, stuck = ShapeEstimates.of(solution), set[str]()
     for _ in range(ROUNDS * len(estimates.linear) if estimates else 0):
         assert estimates is not None
-        far: dict[str, tuple[float, float]] = {}
+        far: dict[str, tuple[float, dict[str, float]]] = {}
         for shape, std in zip(estimates.linear, estimates.std.tolist(), strict=True):
             if shape.name not in stuck and 0.0 < std < np.inf:
-                likely = most_likely(solution, shape, std)
-                far[shape.name] = abs(likely - shape.value) / std, likely
+                likely = most_likely(solution, shape, std, estimates.linear)
+                far[shape.name] = abs(likely[shape.name] - shape.value) / std, likely
         furthest = max(far, key=lambda name: far[name][0], default="")
         if not furthest or far[furthest][0] < CONVERGED:
             break
-        moved = {furthest: far[furthest][1]}  # alone: the others lean on it
+        moved = far[furthest][1]  # other effects lean on it
         runs, bands = [state.run for state in solution.states], [state.band for state in solution.states]
         try:
             trial = replace(iterate(solution.model.reshaped(**moved), runs, bands), chosen=solution.chosen)
@@ -168,7 +170,8 @@ def refine_shapes(solution: Solution) -> Solution:
         after = ShapeEstimates.of(trial)
         believed = np.abs(solution.layout.prior_mean(solution.model))
         expected = np.abs(solution.x) + np.sqrt(np.diag(estimates.covariance)) + believed
-        if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
+        shaped = [term.effect.name == furthest.rpartition(".")[0] for term, _ in solution.layout.slots]
+        if after is None or np.any((np.abs(trial.x) > RUNAWAY * expected)[shaped]):
             stuck.add(furthest)
             continue
         solution, estimates = trial, after
@@ -224,52 +227,78 @@ class ShapeEstimates:
         )
 
 
-def most_likely(solution: Solution, shape: LinearisedShape, std: float) -> float:
-    """Most likely value of a shape parameter, all coefficients profiled: over wide brackets, then ever finer ones."""
+def most_likely(
+    solution: Solution, shape: LinearisedShape, std: float, every: Sequence[LinearisedShape]
+) -> dict[str, float]:
+    """Most likely value of a shape parameter, over wide brackets, then ever finer ones, and of the others of its
+    effect, which move with it; all coefficients are profiled."""
     value, away = shape.value, std * 2.0 ** np.arange(-1, DOUBLINGS)
-    tried = np.unique(np.clip([*(value - away), value, *(value + away)], *shape.span))
-    gains = profile(solution, shape, tried)
+    others = [other for other in every if other.effect == shape.effect and other is not shape]
+    grid = find(shape.effect).shapes[shape.shape].grid(solution.states[0].signals)
+    tried = np.unique(np.clip([*(value - away), value, *(value + away), *grid], *shape.span))
+    gains, steps = profile(solution, shape, tried, others)
     if np.max(gains) - gains[np.argmin(np.abs(tried - value))] < INDIFFERENT:
-        return value
+        return {shape.name: value}
     for _ in range(REFINEMENTS):
         k = int(np.argmax(gains))
         low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
         tried = np.unique([tried[k], *np.linspace(low, high, FINER)])
-        gains = profile(solution, shape, tried)
-    return float(tried[np.argmax(gains)])
+        gains, steps = profile(solution, shape, tried, others)
+    k = int(np.argmax(gains))
+    beside = zip(others, steps[k].tolist(), strict=True)
+    return {other.name: float(np.clip(other.value + step, *other.span)) for other, step in beside} | {
+        shape.name: float(tried[k])
+    }
 
 
-def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
-    """Twice the log-likelihood gained with an effect at trial values of a shape parameter, up to a constant, (n,)."""
+def profile(
+    solution: Solution, shape: LinearisedShape, values: Array, others: Sequence[LinearisedShape]
+) -> tuple[Array, Array]:
+    """Twice the log-likelihood gained with an effect at trial values of a shape parameter, up to a constant, (n,), and
+    how far the others of the effect move with it, (n, others)."""
     layout, model = solution.layout, solution.model
     effect, given = find(shape.effect), model.shapes[shape.effect]
     trial = beside_offset(effect, given, model)
     m = len(layout.slots)
     columns = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == shape.effect]
-    rest = [i for i in range(m) if i not in columns]
+    rest, width = [i for i in range(m) if i not in columns], len(columns) + len(others)
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
-    every = [*range(m), *columns * len(values)]  # coefficients, then those of the effect once for each trial
-    total = np.diag(belief[every])
-    score = belief[every] * mean[every]
-    score[:m] -= belief * solution.x
+    weights = [other.prior_std**-2.0 for other in others]
+    total = np.diag([*belief, *[*belief[columns], *weights] * len(values)])  # coefficients, then those of each trial
+    score = np.array(
+        [*belief * (mean - solution.x), *[*(belief * mean)[columns], *np.zeros(len(others))] * len(values)]
+    )
     shapes = [{**given, shape.shape: float(value)} for value in values]
     for index, state in enumerate(solution.states):
         trials = [
-            (m + number * len(columns) + k, Term(trial, layout.slots[i][0].part, tried))
+            (m + number * width + k, Term(trial, layout.slots[i][0].part, tried))
             for number, tried in enumerate(shapes)
             for k, i in enumerate(columns)
             if index in layout.slots[i][1]
+        ]
+        trials += [
+            (m + number * width + k, replace(other.term, shape={shape.shape: tried[shape.shape]}))
+            for number, tried in enumerate(shapes)
+            for k, other in enumerate(others, start=len(columns))
         ]
         rows = [*layout.rows(index), *(row for row, _ in trials)]
         normal = normal_equations(state, [*model.free, *(term for _, term in trials)])
         total[np.ix_(rows, rows)] += normal.gram
         score[rows] += normal.score
     score += total[:, columns] @ solution.x[columns]  # subtract the effect before each trial adds it
-    gains = np.empty(len(values))
+    gains, steps = np.empty(len(values)), np.zeros((len(values), len(others)))
     for number in range(len(values)):
-        chosen = [*rest, *range(m + number * len(columns), m + (number + 1) * len(columns))]
-        gains[number] = score[chosen] @ inverse(total[np.ix_(chosen, chosen)]) @ score[chosen]
-    return gains
+        for free in dict.fromkeys((width, len(columns))):  # the others move with it, or stay where they would leave
+            chosen = [*rest, *range(m + number * width, m + number * width + free)]
+            step = inverse(total[np.ix_(chosen, chosen)]) @ score[chosen]
+            before, after = solution.x[columns], step[len(rest) : m]
+            moves = step[m:] * (before @ after) / max(float(after @ after), 1e-300)  # their columns have the old size
+            beside = zip(others, moves.tolist(), strict=False)
+            if all(other.span[0] <= other.value + move <= other.span[1] for other, move in beside):
+                break
+        gains[number] = score[chosen] @ step
+        steps[number, : len(moves)] = moves
+    return gains, steps
 
 
 def inverse(information: Array) -> Array:

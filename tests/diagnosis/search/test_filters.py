@@ -18,6 +18,7 @@ from tests.regimes.hidden import EFFECTS, FINE
 from tests.regimes.motion import Motion, Piecewise
 from tests.regimes.regimes import ADXL105, CXL02, TABLE
 from tests.regimes.rig import NOTHING, Planted, Reference, Rig
+from tests.regimes.slow import build
 
 SECONDS = 15.0
 LATE = 318e-6
@@ -47,9 +48,23 @@ def test_ac_coupling_is_found_with_its_time_constant(tmp_path: Path, tau: float)
     found, recording = diagnosed(tmp_path, Rig(CXL02), "mixed", Planted(output=output))
     assert found.effects == ("ac_coupling",)
     fit = ac.add(found.fit, recording, "ac_coupling")
-    (estimate,) = fit.shapes
-    assert estimate.name == "ac_coupling.tau"
+    estimate, start = fit.shapes
+    assert (estimate.name, start.name) == ("ac_coupling.tau", "ac_coupling.start")
     assert abs(estimate.value - tau) < 4.0 * estimate.std < tau
+    assert abs(start.value) < 4.0 * start.std  # it rested before
+
+
+@pytest.mark.parametrize(("seed", "tau"), [(1, 18.29), (3, 8.43), (43, 11.51)])
+def test_what_a_coupling_carries_over_from_before_the_record_has_no_name(tmp_path: Path, seed: int, tau: float) -> None:
+    recording = ac.load(build("coupling", seed, 60.0).write(tmp_path))
+    fit = ac.add(ac.fit(recording), recording, "ac_coupling")
+    estimates = {e.name: e for e in fit.shapes}
+    assert abs(estimates["ac_coupling.tau"].value - tau) < 3.5 * estimates["ac_coupling.tau"].std
+    assert abs(estimates["ac_coupling.start"].value) > 5.0 * estimates["ac_coupling.start"].std
+    assert ac.diagnose(fit, recording).effects == ()
+    # the twin: the same as after a long rest
+    rested = ac.fit(recording, fit.model.freeze(**{"ac_coupling.start": 0.0}))
+    assert {"warm_up", "creep"} & set(ac.diagnose(rested, recording).effects)
 
 
 def test_a_lag_of_the_encoder_is_in_the_class_that_is_named(tmp_path: Path) -> None:
