@@ -201,7 +201,7 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     scale=SizePrior(0.02, "piezoelectric sensors and AC-coupled channels: tau = 0.1 s to 10 s", (1.0,), mean=1.0),
     shapes={
         "tau": Shape("s", slow(0.002, 30.0), trials=4, spacing="log"),
-        "start": Shape("1", (-1.0, 1.0), trials=3, added=True, at_rest=0.0),
+        "start": Shape("1", (-1.0, 1.0), added=True, at_rest=0.0),
     },
     traits=Traits(positive=True, memory=True),
     search=Search(includes=("bias",)),

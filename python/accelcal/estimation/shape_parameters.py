@@ -170,8 +170,10 @@ def refine_shapes(solution: Solution) -> Solution:
         after = ShapeEstimates.of(trial)
         believed = np.abs(solution.layout.prior_mean(solution.model))
         expected = np.abs(solution.x) + np.sqrt(np.diag(estimates.covariance)) + believed
-        shaped = [term.effect.name == furthest.rpartition(".")[0] for term, _ in solution.layout.slots]
-        if after is None or np.any((np.abs(trial.x) > RUNAWAY * expected)[shaped]):
+        grown = np.abs(trial.x) > RUNAWAY * expected
+        if trial.log_likelihood >= solution.log_likelihood:  # other coefficients may have been far off before
+            grown &= [term.effect.name == furthest.rpartition(".")[0] for term, _ in solution.layout.slots]
+        if after is None or grown.any():
             stuck.add(furthest)
             continue
         solution, estimates = trial, after

@@ -281,8 +281,9 @@ def trials_of(
         tried = {
             n: [InitialShape(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked
         }
-        if effect.mechanism is not None:
-            tried["start"] = [InitialShape(0.0, (0.0, 0.0))]  # the fit estimates it
+        # a state that a record carries over is refined from rest
+        carried = {n: shape.at_rest for n, shape in effect.shapes.items() if shape.added and shape.at_rest is not None}
+        tried |= {n: [InitialShape(value)] for n, value in carried.items()}
         tried |= {n: PROPOSALS[shape.picked](state) for n, shape in effect.shapes.items() if shape.picked}
         first = len(hypotheses)
         for trial in itertools.product(*tried.values()):
