@@ -18,7 +18,7 @@ from accelcal.estimation.estimate import restored_states
 from accelcal.estimation.gauss_newton import Layout, outputs_of, rows_of_positions, solve
 from accelcal.estimation.rows import normal_equations
 from accelcal.io import load_positions
-from accelcal.io.loading import load_dwell_table
+from accelcal.io.dwell_tables import load_dwell_table
 from accelcal.validation.consistency import chi_square_region
 from tests.estimation.triads import G, Triad
 from tests.tiers import drawn

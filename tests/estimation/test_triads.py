@@ -29,7 +29,7 @@ from accelcal.estimation.gauss_newton import Layout, Output, initial_states, ite
 from accelcal.estimation.remarks import remark
 from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
-from accelcal.io import loading
+from accelcal.io import orientation as orientation_of_files
 from accelcal.results.json import from_json
 from accelcal.validation.evaluation import accel_residual
 from accelcal.validation.prediction import Prediction
@@ -469,7 +469,7 @@ def test_three_outputs_are_read_as_each_alone_and_their_body_is_solved_for_once(
     def counted(function):
         return lambda *given: [calls.append(function.__name__), function(*given)][1]
 
-    monkeypatch.setattr(loading, "carried", counted(loading.carried))
+    monkeypatch.setattr(orientation_of_files, "carried", counted(orientation_of_files.carried))
     monkeypatch.setattr(orientation, "moving", counted(orientation.moving))
     for run, other in zip(ac.load_axes(with_gyroscope[0]), alone, strict=True):
         assert run.side.keys() == other.side.keys()

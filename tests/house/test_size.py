@@ -33,7 +33,7 @@ SETTINGS = {
 """Public functions whose settings are keywords with defaults, one each: more than the limit, and no more than today."""
 MOST_FUNCTION_LINES, MOST_VERDICT_LINES = 80, 30
 """Of any function, its docstring and signature included, and of the one that judges."""
-MOST_FILES, LEAST_MEDIAN = 260, 180
+MOST_FILES, LEAST_MEDIAN = 262, 180
 """Files of package and papers, and lines of the one in the middle."""
 RUST_FUNCTION = re.compile(r"\bfn (\w+)\s*(?:<[^{(]*>)?\s*\(([^{]*?)\)\s*(?:->|\{|where|;)", re.DOTALL)
 

@@ -21,7 +21,7 @@ from accelcal.effects.own import from_tried_expression
 from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_fit import run_to_hold_out
-from accelcal.io.loading import digest_of
+from accelcal.io.files import digest_of
 from accelcal.plots.timeline import Marks
 from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.differences import pooled

@@ -24,7 +24,7 @@ from accelcal._support import errors
 from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.process import continue_in_child, time_left
 from accelcal._support.stopping import asked_to_end
-from accelcal.cli.lazy import catalogue, data, io, json_text, loading, model_file, results_json
+from accelcal.cli.lazy import catalogue, data, files, io, json_text, model_file, results_json
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
 
 if TYPE_CHECKING:
@@ -461,6 +461,6 @@ def fitted_files(fit: Fit, *paths: Path) -> list[Path | None]:
 
     def place(run: RunFit) -> Path | None:
         beside = (folder / run.file for folder in dict.fromkeys(path.parent for path in paths))
-        return next((at for at in beside if at.is_file() and loading.digest_of(at) in (run.digest, run.session)), None)
+        return next((at for at in beside if at.is_file() and files.digest_of(at) in (run.digest, run.session)), None)
 
     return list(dict.fromkeys(place(run) for run in fit.runs))

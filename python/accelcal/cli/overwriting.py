@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from accelcal._support.errors import AccelcalError
-from accelcal.cli.lazy import files, io, json_text, loading, model_file, response_files
+from accelcal.cli.lazy import files, io, json_text, model_file, response_files
 
 WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save", "motion")
 """Parameters that name an output file."""
@@ -84,7 +84,7 @@ def mark_of(recording: Path) -> Callable[[str], str]:
     from accelcal.io.write import marked
 
     command = writing.get().command
-    return (lambda text: marked(text, command, loading.digest_of(waiting(recording)))) if command else str
+    return (lambda text: marked(text, command, files.digest_of(waiting(recording)))) if command else str
 
 
 def paths_in(values: Iterator[Any]) -> list[Path]:
@@ -160,7 +160,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
             elif not _digests(used):  # of arrays of a program
                 same = any(path.samefile(model) for model in models)
             else:
-                same = any(file.is_file() and loading.digest_of(file) in _digests(used) for file in read)
+                same = any(file.is_file() and files.digest_of(file) in _digests(used) for file in read)
             return "" if same else f"{path} is a model of another recording"
         if schema.startswith("accelcal/") and command not in MODELLING:
             return ""

@@ -25,7 +25,7 @@ from accelcal.data import Array, Counts
 from accelcal.estimation.run_to_run import over_all
 from accelcal.fleet.campaign import Results
 from accelcal.io import load, sidecar_of
-from accelcal.io.loading import digest_of
+from accelcal.io.files import digest_of
 from accelcal.model import Model, Prior
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import Axis, Figure, Level, Line, Mark, Panel, Points

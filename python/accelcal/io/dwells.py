@@ -31,22 +31,17 @@ from accelcal.data import (
 )
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
-from accelcal.io.files import open_table
-from accelcal.io.loading import (
+from accelcal.io.dwell_tables import (
     COLUMNS,
-    axes,
     complete_column,
-    declaration,
-    digest_of,
     dwells_from,
     is_dwell_table,
-    load,
-    load_axes,
-    loaded,
     local_gravity,
     require_between,
     undeclared_of_dwells,
 )
+from accelcal.io.files import digest_of, open_table
+from accelcal.io.loading import axes, declaration, load, load_axes, loaded
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
 from accelcal.io.write import write_sidecar

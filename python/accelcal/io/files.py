@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -161,3 +162,20 @@ def _mismatch(path: Path, head: bytes, marked: str | None) -> str:
         f'{path}: the name ends in {path.suffix} but the file begins with "{mark}", which is not of that format; '
         "copy or export it again, or rename it."
     )
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file, hex; of no more than it holds now, for some that the system makes up never end.
+
+    Raises
+    ------
+    RecordingError
+        If it is no regular file, or is not readable.
+    """
+    digest = hashlib.sha256()
+    with open_regular(path, A_RECORDING) as file, in_words(path, A_RECORDING):
+        left = os.fstat(file.fileno()).st_size
+        while left > 0 and (part := file.read(min(left, 1_000_000))):
+            digest.update(part)
+            left -= len(part)
+    return digest.hexdigest()

@@ -22,8 +22,8 @@ from accelcal.io.assign import (
     unit_of,
 )
 from accelcal.io.atomic import atomic_write
+from accelcal.io.dwell_tables import dwell_columns, is_dwell_table
 from accelcal.io.files import open_table
-from accelcal.io.loading import dwell_columns, is_dwell_table
 from accelcal.io.sidecar import KEYS, UNKNOWN, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
 

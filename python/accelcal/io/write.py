@@ -39,8 +39,8 @@ from accelcal.data import (
 )
 from accelcal.io import naming
 from accelcal.io.atomic import Part, atomic, atomic_write, named
-from accelcal.io.files import content_of
-from accelcal.io.loading import Body, digest_of
+from accelcal.io.files import content_of, digest_of
+from accelcal.io.loading import Body
 from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_of, toml_text
 from accelcal.io.table import SIDECAR_BYTES, cells_of, on_stamps
 
