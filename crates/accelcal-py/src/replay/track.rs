@@ -1,10 +1,11 @@
 //! Python's view of the replay: whole records in, whole arrays out, no mathematics.
 
+use ekf_core::Samples;
 use ekf_core::replay::columns::Gains;
 use ekf_core::replay::filter::{Track, TrackView, filter};
 use ekf_core::replay::smoother::smooth;
 use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
-use ekf_core::signal::integrals::{self, Conditioning, Samples};
+use ekf_core::signal::integrals::{self, Conditioning};
 use ekf_core::signal::interpolation::Interpolation;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -50,7 +51,7 @@ pub fn drive<'py>(
     let (t, u, at) = (t.as_slice()?, u.as_slice()?, at.as_slice()?);
     let n = at.len();
     let (mut first, mut second, mut covered) = (vec![0.0; n], vec![0.0; n], vec![false; n]);
-    py.detach(|| integrals::drive(Samples { t, u }, conditioning, at, &mut first, &mut second, &mut covered))
+    py.detach(|| integrals::drive(Samples { t, y: u }, conditioning, at, &mut first, &mut second, &mut covered))
         .map_err(refuse)?;
     Ok((PyArray1::from_vec(py, first), PyArray1::from_vec(py, second), PyArray1::from_vec(py, covered)))
 }

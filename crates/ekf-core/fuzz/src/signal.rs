@@ -2,7 +2,7 @@
 
 use arbitrary::{Result, Unstructured};
 use ekf_core::hysteresis::play;
-use ekf_core::signal::integrals::{Conditioning, Samples as Signal, check_samples, drive};
+use ekf_core::signal::integrals::{Conditioning, check_samples, drive};
 use ekf_core::signal::timeline::Timeline;
 use ekf_core::{Channel, Interpolation, Samples, Segment};
 
@@ -32,7 +32,7 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
     let lengths = [nearly(u, m)?, nearly(u, m)?, nearly(u, m)?];
     let [mut first, mut second] = [vec![f64::NAN; lengths[0]], vec![f64::NAN; lengths[1]]];
     let mut covered = vec![true; lengths[2]];
-    let driven = drive(Signal { t: &t, u: &y }, conditioning, &at, &mut first, &mut second, &mut covered);
+    let driven = drive(Samples { t: &t, y: &y }, conditioning, &at, &mut first, &mut second, &mut covered);
     if driven.is_ok() {
         assert!(usable, "unusable samples were integrated");
         assert!(covered.first() != Some(&true), "the first instant ends no interval");

@@ -4,15 +4,7 @@
 //! alone looks like a missing effect.
 
 use crate::signal::interpolation::{Interpolation, Segment};
-
-/// A sampled signal on its own clock.
-#[derive(Debug, Clone, Copy)]
-pub struct Samples<'a> {
-    /// Sample times, s, strictly rising.
-    pub t: &'a [f64],
-    /// Values, one per time.
-    pub u: &'a [f64],
-}
+use crate::signal::timeline::Samples;
 
 /// How samples become a continuous signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,7 +108,7 @@ pub fn drive(
     second: &mut [f64],
     covered: &mut [bool],
 ) -> Result<(), ConditionError> {
-    check_samples(samples.t, samples.u)?;
+    check_samples(samples.t, samples.y)?;
     check_times(at)?;
     for found in [first.len(), second.len(), covered.len()] {
         if found != at.len() {
@@ -145,7 +137,7 @@ struct Cursor<'a> {
 
 impl<'a> Cursor<'a> {
     fn new(samples: Samples<'a>, conditioning: Conditioning) -> Self {
-        let segment = Segment::between(samples.t, samples.u, 0, conditioning.interpolation);
+        let segment = Segment::between(samples.t, samples.y, 0, conditioning.interpolation);
         Self { samples, conditioning, i: 0, segment }
     }
 
@@ -197,7 +189,7 @@ impl<'a> Cursor<'a> {
 
     fn enter(&mut self, i: usize) {
         self.i = i;
-        self.segment = Segment::between(self.samples.t, self.samples.u, i, self.conditioning.interpolation);
+        self.segment = Segment::between(self.samples.t, self.samples.y, i, self.conditioning.interpolation);
     }
 }
 
@@ -218,7 +210,7 @@ mod tests {
         at: [f64; M],
     ) -> Result<([f64; M], [f64; M], [bool; M]), ConditionError> {
         let (mut first, mut second, mut covered) = ([9.0; M], [9.0; M], [true; M]);
-        drive(Samples { t, u }, conditioning, &at, &mut first, &mut second, &mut covered)?;
+        drive(Samples { t, y: u }, conditioning, &at, &mut first, &mut second, &mut covered)?;
         Ok((first, second, covered))
     }
 
@@ -345,7 +337,7 @@ mod tests {
         assert_eq!(driven(&t, &[0.0, 1.0, f64::INFINITY, 1.0], PLAIN, at), Err(ConditionError::Sample { index: 2 }));
         let (mut first, mut second, mut covered) = ([0.0; 2], [0.0; 1], [false; 2]);
         assert_eq!(
-            drive(Samples { t: &t, u: &u }, PLAIN, &at, &mut first, &mut second, &mut covered),
+            drive(Samples { t: &t, y: &u }, PLAIN, &at, &mut first, &mut second, &mut covered),
             Err(ConditionError::Length { expected: 2, found: 1 })
         );
     }
