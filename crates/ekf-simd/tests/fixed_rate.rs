@@ -121,10 +121,15 @@ fn agrees<S: System<N>, const N: usize>(
     let (x, P) = (prior.x.as_slice(), prior.P.as_slice());
     let mut steps = make(Prior { states: N, x, P });
     let mut one = make(Prior { states: N, x, P });
-    let (mut states, mut innovations) = (vec![0.0; N * STEPS], vec![0.0; STEPS]);
-    let mut histories =
-        Histories { states: Some(&mut states), innovations: Some(&mut innovations), ..Histories::default() };
+    let (mut states, mut innovations, mut first) = (vec![0.0; N * STEPS], vec![0.0; STEPS], vec![0.0; N + 1]);
+    let mut histories = Histories {
+        states: Some(&mut states),
+        variances: Some(&mut first),
+        innovations: Some(&mut innovations),
+        ..Histories::default()
+    };
     one.over(&u, &z, &mut histories).unwrap();
+    assert!(first[0] > 0.0 && first[N] == 0.0);
     for j in 0..STEPS {
         let found = steps.step(&SampleInput { u: u[j], z: z[j], effects: None, suspects: None }).unwrap();
         assert_eq!(found.map_or(f64::NAN, |found| found.e).to_bits(), innovations[j].to_bits());

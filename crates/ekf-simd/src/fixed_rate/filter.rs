@@ -95,7 +95,7 @@ pub trait FixedRate: Send + Sync {
     fn log_likelihood(&self) -> f64;
 }
 
-/// Buffers for the history of a record, one row per sample; `None` where it is not wanted.
+/// Buffers for the history of a record, one row per sample; `None` where it is not wanted. Rows beyond one are left out.
 #[derive(Debug, Default)]
 pub struct Histories<'a> {
     /// States, `N` a row.
@@ -119,21 +119,18 @@ impl Histories<'_> {
         x: impl Fn(usize) -> f64,
         variance: impl Fn(usize) -> f64,
     ) {
-        if let Some(states) = self.states.as_deref_mut() {
-            for (i, to) in states[N * j..N * (j + 1)].iter_mut().enumerate() {
-                *to = x(i);
-            }
+        let row = N * j..N * (j + 1);
+        if let Some(states) = self.states.as_deref_mut().and_then(|all| all.get_mut(row.clone())) {
+            states.iter_mut().enumerate().for_each(|(i, to)| *to = x(i));
         }
-        if let Some(variances) = self.variances.as_deref_mut() {
-            for (i, to) in variances[N * j..N * (j + 1)].iter_mut().enumerate() {
-                *to = variance(i);
-            }
+        if let Some(variances) = self.variances.as_deref_mut().and_then(|all| all.get_mut(row)) {
+            variances.iter_mut().enumerate().for_each(|(i, to)| *to = variance(i));
         }
-        if let Some(e) = self.innovations.as_deref_mut() {
-            e[j] = found.map_or(f64::NAN, |innovation| innovation.e);
+        if let Some(e) = self.innovations.as_deref_mut().and_then(|all| all.get_mut(j)) {
+            *e = found.map_or(f64::NAN, |innovation| innovation.e);
         }
-        if let Some(s) = self.innovation_variances.as_deref_mut() {
-            s[j] = found.map_or(f64::NAN, |innovation| innovation.s);
+        if let Some(S) = self.innovation_variances.as_deref_mut().and_then(|all| all.get_mut(j)) {
+            *S = found.map_or(f64::NAN, |innovation| innovation.s);
         }
     }
 }
