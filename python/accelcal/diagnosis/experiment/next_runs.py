@@ -401,7 +401,7 @@ class Beliefs:
             run.text,
             run.seconds / 60.0,
             max(0.0, float(np.sum(special.entr(self.weights)) - self.weights @ falls)),
-            float(self.weights @ decided),
+            min(1.0, float(self.weights @ decided)),  # rounding may add up to more
             float(distances[first, second]),
             (self.names[first], self.names[second]),
             run.motion,
