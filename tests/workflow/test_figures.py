@@ -247,6 +247,12 @@ def stuck(seed: int) -> ac.Recording:
     return replace(run, accel=replace(run.accel, y=y), position=replace(run.position, y=z))
 
 
+def dropped_out(seed: int) -> Iterator[Any]:
+    """A velocity that is lost for some readings, in time and by frequency."""
+    run = record(seed, reference="velocity", reading=1e-4, reads=lambda m: 0.3 * (np.arange(len(m.t)) % 701 > 697))
+    yield from (ac.fit(run), ac.response.frequency_response(run, method="broadband"))
+
+
 def followed(run: ac.Recording, *names: str) -> Iterator[Any]:
     """A model whose coefficients move: their paths, the readings that settle it, the models that it grew from."""
     fit = ac.add(ac.fit(run), run, *names)
@@ -340,6 +346,7 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
         "bias_random_walk",
     ),
     "positions of three outputs": of_positions,
+    "drop-outs": lambda: dropped_out(71),
     "at rest and warm": lambda: iter([ac.rest(record(69, scale=0.0, seconds=300.0, side=("temperature",)))]),
     "at rest": lambda: iter([ac.rest(record(26, scale=0.0, seconds=120.0, reading=1e-6))]),
     "a model": lambda: asked(record(27, lambda m: 5e-4 * m.a**2 + 3e-4 * m.a**3)),
