@@ -126,7 +126,7 @@ class OneNodeAfterTheOther:
         return new
 
 
-AHEAD = "shape_since_reversal", "creep", "temperature_rate", "presliding", "self_heating"
+AHEAD = "shape_since_reversal", "temperature_rate", "presliding", "self_heating"
 """Effects that look at the whole motion: for its range, what it carries over, or a difference to either side."""
 CAUSAL = [
     effect

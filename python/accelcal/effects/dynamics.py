@@ -170,6 +170,12 @@ def sensor_resonance(s: Signals) -> Array:
     return -s.scale * snap(s)
 
 
+def carried_over(s: Signals, start: float) -> float:
+    """What an effect with memory holds at the first sample, m/s²: the rest, and a share of the largest acceleration."""
+    whole = s.whole or s
+    return s.rest + start * float(np.max(np.abs(whole.a - s.rest)))
+
+
 @effect(
     "creep",
     unit="1",
@@ -191,7 +197,7 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     Easily confused with: warm_up, bias_gauss_markov, velocity when tau is long.
     Separate by: a long constant tilt step.
     """
-    return lagged(s.a, tau, s.step, s.rest + start * np.max(np.abs(s.a - s.rest)))
+    return lagged(s.a, tau, s.step, carried_over(s, start))
 
 
 @effect(
@@ -218,4 +224,4 @@ def ac_coupling(s: Signals, tau: float, start: float = 0.0) -> Array:
     Easily confused with: velocity where tau exceeds a period of the motion; creep, of which it is one with cc = -1.
     Separate by: a lasting step of tilt, of which a high-pass leaves nothing after 5 tau; motion as slow as 1/tau.
     """
-    return -s.scale * lagged(s.a, tau, s.step, s.rest + start * np.max(np.abs(s.a - s.rest)))
+    return -s.scale * lagged(s.a, tau, s.step, carried_over(s, start))
