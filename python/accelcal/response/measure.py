@@ -33,8 +33,8 @@ from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
 from accelcal.response.parametric import ResponseModel, fit_response
 from accelcal.response.sine import ALONE, Point, Reference, SineStep, explained, find_steps, may_be_stepped
-from accelcal.signals.processing import response, spline
 from accelcal.signals.processing import response as gain_of
+from accelcal.signals.processing import spline
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def cross_check(recording: Recording, points: Sequence[Point], model: ResponseMo
     filters = recording.rig.passed_by_output
     f = np.array([p.frequency for p in points])
     gain, delay = 1.0 + fit["scale_factor"].value, fit["time_offset"].value
-    expected = gain * np.exp(-2j * math.pi * f * delay) * response(filters, 1.0 / usual_step(recording.accel.t))(f)
+    expected = gain * np.exp(-2j * math.pi * f * delay) * gain_of(filters, 1.0 / usual_step(recording.accel.t))(f)
     ratio = np.array([p.value for p in points]) / expected
     magnitude, phase = np.abs(np.abs(ratio) - 1.0), np.abs(np.angle(ratio))
     i, j = int(np.argmax(magnitude)), int(np.argmax(phase))

@@ -95,7 +95,8 @@ pub trait FixedRate: Send + Sync {
     fn log_likelihood(&self) -> f64;
 }
 
-/// Buffers for the history of a record, one row per sample; `None` where it is not wanted. Rows beyond one are left out.
+/// Buffers for the history of a record, one row per sample; `None` where it is not wanted.
+/// One that is too short keeps the first rows.
 #[derive(Debug, Default)]
 pub struct Histories<'a> {
     /// States, `N` a row.
