@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from accelcal.data import Array, Channel, usual_step
-from accelcal.response.sine import COVERAGE, Point, Reference, SineFit, SineStep, fit_sines, within
+from accelcal.response.sine import Point, Reference, SineFit, SineStep, fit_sines, student, within
 from accelcal.signals.processing import NEARLY_NYQUIST, Spectrum
 
 HARMONICS = (1, 2, 3)
@@ -196,15 +195,22 @@ def _mean(name: str, source: str, unit: str, values: list[float], weights: list[
         excess = float(np.sum(np.array(weights) * (np.array(values) - value) ** 2)) / (len(values) - 1)
         if excess > 1.0:
             std, degrees = std * math.sqrt(excess), float(len(values) - 1)
-    factor = float(scipy.special.stdtrit(max(degrees, 1.0), 0.5 + 0.5 * COVERAGE))
-    return Term(name, source, unit, value, std, factor * std, len(values))
+    return Term(name, source, unit, value, std, student(max(degrees, 1.0)) * std, len(values))
 
 
 def _rectification(steps: Sequence[Harmonics]) -> Term | None:
     """Slope of the mean against |A|²/2; its uncertainty from the scatter about the line."""
     x = np.array([0.5 * abs(s.acceleration[0]) ** 2 for s in steps])
     y = np.array([s.mean for s in steps])
-    return _line("K2", "rectification", "(m/s²)⁻¹", x, y)
+    if len(x) < 4 or float(np.ptp(x)) < 0.3 * float(np.max(x)):
+        return None
+    columns = np.column_stack([np.ones(len(x)), x])
+    coefficients, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    degrees = len(x) - 2
+    variance = float(np.sum((y - columns @ coefficients) ** 2)) / degrees
+    std = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[1, 1]))
+    expanded = student(degrees) * std
+    return Term("K2", "rectification", "(m/s²)⁻¹", float(coefficients[1]), std, expanded, len(x))
 
 
 def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], sized: float) -> Term | None:
@@ -234,17 +240,4 @@ def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], 
     if information <= 0.0:
         return None
     value, std = float(np.sum(w * xs * ys)) / information, 1.0 / math.sqrt(information)
-    factor = float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * COVERAGE))
-    return Term("K3", "fundamental", "(m/s²)⁻²", value, std, factor * std, degree)
-
-
-def _line(name: str, source: str, unit: str, x: Array, y: Array) -> Term | None:
-    if len(x) < 4 or float(np.ptp(x)) < 0.3 * float(np.max(x)):
-        return None
-    columns = np.column_stack([np.ones(len(x)), x])
-    coefficients, *_ = np.linalg.lstsq(columns, y, rcond=None)
-    degrees = len(x) - 2
-    variance = float(np.sum((y - columns @ coefficients) ** 2)) / degrees
-    std = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[1, 1]))
-    factor = float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * COVERAGE))
-    return Term(name, source, unit, float(coefficients[1]), std, factor * std, len(x))
+    return Term("K3", "fundamental", "(m/s²)⁻²", value, std, student(degrees) * std, degree)

@@ -7,8 +7,9 @@ all whose criterion is as good within `SAME` are one class that the data do not 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 from typing import ClassVar
 
 import numpy as np
@@ -42,17 +43,69 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
+class Factor:
+    """A factor of the response beside the gain."""
+
+    parameters: tuple[tuple[str, str, bool], ...]
+    """Name and unit of each parameter, and whether its logarithm is estimated."""
+    response: Callable[[Spectrum, Array], Spectrum]
+    """Factor (n,) at s = j w (n,), from the estimated parameters."""
+    starts: Callable[[Array, float], list[tuple[float, ...]]]
+    """First values to try, from corners in Hz and a delay in s."""
+    bounds: Callable[[float, float], list[tuple[float, float]]]
+    """Lowest and highest value of each, from those of the logarithm of a corner."""
+
+
+def _second_order(s: Spectrum, theta: Array) -> Spectrum:
+    w0, q = 2.0 * math.pi * math.exp(theta[0]), math.exp(theta[1])
+    return np.asarray(w0**2 / (s * s + s * w0 / q + w0**2))
+
+
+def _pole(s: Spectrum, theta: Array) -> Spectrum:
+    w0 = 2.0 * math.pi * math.exp(theta[0])
+    return np.asarray(w0 / (s + w0))
+
+
+FACTORS = {
+    "second_order": Factor(
+        (("f0", "Hz", True), ("Q", "1", True)),
+        _second_order,
+        lambda corners, lag: [(math.log(c), math.log(q)) for c in corners for q in (0.5, 1.0, 5.0, 30.0)],
+        lambda low, high: [(low, high), (math.log(0.05), math.log(1e4))],
+    ),
+    "pole": Factor(
+        (("f_pole", "Hz", True),),
+        _pole,
+        lambda corners, lag: [(math.log(c),) for c in corners],
+        lambda low, high: [(low, high)],
+    ),
+    "delay": Factor(
+        (("delay", "s", False),),
+        lambda s, theta: np.exp(-s * theta[0]),
+        lambda corners, lag: [(lag,), (0.5 * lag,), (0.0,)],
+        lambda low, high: [(-math.inf, math.inf)],
+    ),
+}
+"""By name. Corners lie between the bounds that are given, Q between 0.05 and 1e4."""
+
+
+@dataclass(frozen=True, slots=True)
 class Structure:
     """A form of the response: gain times a pole or a second-order low-pass, times a delay."""
 
     name: str
     terms: tuple[str, ...]
-    """Of "delay", "pole" and "second_order"."""
+    """Of `FACTORS`."""
+
+    @property
+    def factors(self) -> list[Factor]:
+        """Factors beside the gain."""
+        return [FACTORS[term] for term in self.terms]
 
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return 1 + sum(2 if term == "second_order" else 1 for term in self.terms)
+        return 1 + sum(len(factor.parameters) for factor in self.factors)
 
     def contains(self, other: Structure) -> bool:
         """Whether another structure is a special case of this one; a pole is the limit of a second order of low Q."""
@@ -61,21 +114,11 @@ class Structure:
 
     def response(self, theta: Array, frequency: Array) -> Spectrum:
         """Gain (n,) at frequencies (n,) Hz. theta: gain, then log f0 and log Q, log f_pole, delay in s."""
-        s = 2j * math.pi * np.asarray(frequency, dtype=np.float64)
-        total = np.full(s.shape, theta[0], dtype=np.complex128)
-        at = 1
-        for term in self.terms:
-            if term == "second_order":
-                w0, q = 2.0 * math.pi * math.exp(theta[at]), math.exp(theta[at + 1])
-                total *= w0**2 / (s * s + s * w0 / q + w0**2)
-                at += 2
-            elif term == "pole":
-                w0 = 2.0 * math.pi * math.exp(theta[at])
-                total *= w0 / (s + w0)
-                at += 1
-            else:
-                total *= np.exp(-s * theta[at])
-                at += 1
+        s = np.asarray(2j * math.pi * np.asarray(frequency, dtype=np.float64), dtype=np.complex128)
+        total, rest = np.full(s.shape, theta[0], dtype=np.complex128), theta[1:]
+        for factor in self.factors:
+            total *= factor.response(s, rest)
+            rest = rest[len(factor.parameters) :]
         return total
 
     def starts(self, f: Array, value: Spectrum) -> list[Array]:
@@ -85,28 +128,14 @@ class Structure:
         gain = math.copysign(abs(value[np.argmin(f)]), low)
         lag = _delay(f, value * math.copysign(1.0, gain))
         corners = np.geomspace(0.5 * np.max(f) / 2.0, 30.0 * np.max(f), 7)
-        tried: list[list[float]] = [[gain]]
-        for term in self.terms:
-            if term == "second_order":
-                pairs = [(math.log(c), math.log(q)) for c in corners for q in (0.5, 1.0, 5.0, 30.0)]
-                tried = [[*t, *pair] for t in tried for pair in pairs]
-            elif term == "pole":
-                tried = [[*t, math.log(c)] for t in tried for c in corners]
-            else:
-                tried = [[*t, d] for t in tried for d in (lag, 0.5 * lag, 0.0)]
-        return [np.array(t) for t in tried]
+        several = product(*(factor.starts(corners, lag) for factor in self.factors))
+        return [np.array([gain, *chain.from_iterable(values)]) for values in several]
 
     def parameters(self, theta: Array, covariance: Array, factors: Array) -> tuple[Parameter, ...]:
         """Names, units and uncertainties, expanded by factors (m,); logarithms are undone."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         parameters = [Parameter("k", "1", float(theta[0]), float(std[0]), float(factors[0] * std[0]))]
-        kinds: list[tuple[str, str, bool]] = []
-        for term in self.terms:
-            kinds += {
-                "second_order": [("f0", "Hz", True), ("Q", "1", True)],
-                "pole": [("f_pole", "Hz", True)],
-                "delay": [("delay", "s", False)],
-            }[term]
+        kinds = (kind for factor in self.factors for kind in factor.parameters)
         for i, (name, unit, logarithm) in enumerate(kinds, start=1):
             value = math.exp(min(theta[i], 300.0)) if logarithm else float(theta[i])
             spread = float(std[i]) * (value if logarithm else 1.0)
@@ -312,20 +341,10 @@ def _degrees(points: Sequence[Point], degrees: int, widened: float) -> float:
 
 
 def _bounds(structure: Structure, f: Array) -> tuple[Array, Array]:
-    """Corners lie within a factor of 1000 of the frequencies, Q between 0.05 and 1e4."""
-    low, high = [-np.inf], [np.inf]
+    """Corners lie within a factor of 1000 of the frequencies, the gain anywhere."""
     corner = math.log(1e-3 * float(np.min(f))), math.log(1e3 * float(np.max(f)))
-    for term in structure.terms:
-        if term == "second_order":
-            low += [corner[0], math.log(0.05)]
-            high += [corner[1], math.log(1e4)]
-        elif term == "pole":
-            low.append(corner[0])
-            high.append(corner[1])
-        else:
-            low.append(-np.inf)
-            high.append(np.inf)
-    return np.array(low), np.array(high)
+    pairs = [(-math.inf, math.inf), *chain.from_iterable(factor.bounds(*corner) for factor in structure.factors)]
+    return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
 
 
 def _delay(f: Array, value: Spectrum) -> float:
