@@ -26,10 +26,11 @@ from accelcal.plots import figure as style
 from accelcal.plots import model as models
 from accelcal.plots import timeline as over_time
 from accelcal.plots.diagnosis import chosen
-from accelcal.plots.figure import Bars, Level, Line, Points, Text, candidate_groups, decades, thin
+from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks
 from accelcal.results import words as formatting
+from accelcal.results.diagnoses import candidate_groups
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram

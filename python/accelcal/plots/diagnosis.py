@@ -24,7 +24,6 @@ from accelcal.plots.figure import (
     Points,
     Text,
     Tiles,
-    candidate_groups,
     error_reduction_sentence,
     on_rows,
     ruled,
@@ -33,6 +32,7 @@ from accelcal.plots.figure import (
 )
 from accelcal.results import words as formatting
 from accelcal.results.comparisons import quoted
+from accelcal.results.diagnoses import candidate_groups
 from accelcal.validation import systematic
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import MICRO_G, Array
-from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.results import words as formatting
 from accelcal.results.comparisons import fall, source_of_noise
@@ -484,17 +482,3 @@ def share_text(comparison: Comparison, number: int) -> str:
     if comparison.at_floor[number]:
         return f"{round(100.0 * min(share, 1.0))} % of its power explained, down to the noise"
     return f"{'more than 99.9' if share > 0.999 else f'{100.0 * share:.3g}'} % of its power explained"
-
-
-def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
-    """The best candidates, each class of confounded ones together, best first."""
-    left = list(diagnosis.scan.candidates[:most])
-    groups: list[list[Candidate]] = []
-    while left:
-        first = left[0]
-        sure = first.p_value < diagnosis.alpha
-        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
-        group = [first, *tied]
-        groups.append(group)
-        left = [c for c in left if c not in group]
-    return groups

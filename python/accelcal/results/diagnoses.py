@@ -65,21 +65,21 @@ def confounded_on(where: str, tie: Confounded) -> str:
     return f"Confounded on this {where}: {', '.join(tie.members)}. To separate them: {tie.experiment}"
 
 
-def ranked(result: Diagnosis) -> list[Candidate]:
-    """Candidates, best first, each class of confounded ones together."""
-    left, ordered = list(result.scan.candidates), list[Candidate]()
+def candidate_groups(result: Diagnosis, most: int | None = None) -> list[list[Candidate]]:
+    """The best candidates, each class of confounded ones together, best first."""
+    left, groups = list(result.scan.candidates[:most]), list[list[Candidate]]()
     while left:
         first = left[0]
         sure = first.p_value < result.alpha
         group = [c for c in left if c is first or (sure and c.effect in first.members and c.p_value < result.alpha)]
-        ordered += group
+        groups.append(group)
         left = [c for c in left if c not in group]
-    return ordered
+    return groups
 
 
 def candidate_rows(result: Diagnosis) -> list[Row]:
     """Candidates, best first, confounded ones together."""
-    return [candidate_row(result, c) for c in ranked(result)]
+    return [candidate_row(result, c) for group in candidate_groups(result) for c in group]
 
 
 CANDIDATE_COLUMNS = (

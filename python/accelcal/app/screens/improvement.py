@@ -25,7 +25,7 @@ from accelcal.effects import find, spelled
 from accelcal.model import Estimate
 from accelcal.plots import comparison, timeline
 from accelcal.plots.diagnosis import added_variable
-from accelcal.plots.figure import ThemeName, candidate_groups
+from accelcal.plots.figure import ThemeName
 from accelcal.plots.residuals import before_after
 from accelcal.plots.response import (
     FIT_HEAD,
@@ -42,7 +42,7 @@ from accelcal.report.view import size_text
 from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
 from accelcal.results.comparisons import quoted
-from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.diagnoses import VERDICTS, candidate_groups, contribution
 from accelcal.results.table import as_sentence
 from accelcal.results.words import error_size, plain, probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
