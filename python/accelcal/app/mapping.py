@@ -225,13 +225,8 @@ def sidecar_from(
     for choice in used:
         old = table.get(choice.channel)
         entries = {k: v for k, v in old.items() if k not in ("column", "unit")} if isinstance(old, dict) else {}
-        entry = tomlkit.inline_table()
-        entry["column"] = choice.column
-        if choice.unit:
-            entry["unit"] = choice.unit
-        for key, value in entries.items():
-            entry[key] = value
-        table[choice.channel] = entry
+        unit = {"unit": choice.unit} if choice.unit else {}
+        table[choice.channel] = _inline({"column": choice.column, **unit, **entries})
     if quaternion:
         attitude = _table(table, "attitude")
         attitude["columns"] = [quaternion[name] for name in QUATERNION]

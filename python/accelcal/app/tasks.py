@@ -31,7 +31,6 @@ from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.plausible import suspicion
 from accelcal.estimation.run import prepare, recording_of
 from accelcal.io.sidecar import has_sidecar
-from accelcal.model import Model
 from accelcal.plots.timeline import Marks, marks
 from accelcal.report import gather, html
 from accelcal.response import FrequencyResponse, frequency_response
@@ -47,10 +46,7 @@ from accelcal.verbs import (
     compare,
     compare_models,
     diagnose,
-    drop,
-    fit,
     model_in_motion,
-    refit,
     run_values,
     used_runs,
 )
@@ -169,24 +165,9 @@ def check(
     return replace(shortest, remarks=tuple(noticed.values())[::-1]), summary
 
 
-def fitted(model: Model, train: Data, *, progress: Report) -> Fit:
-    """Fit a model."""
-    return fit(list(train), model, progress=progress)
-
-
-def refitted(before: Fit, train: Data, model: Model, *, progress: Report) -> Fit:
-    """Fit a model in the manner of an earlier fit."""
-    return refit(before, list(train), model, progress)
-
-
 def added(before: Fit, train: Data, name: str, own_names: Sequence[str], *, progress: Report) -> Fit:
     """Fit again with an effect more; `own_names` names effects of the user."""
     return add(before, list(train), name, extra=effects(own_names), progress=progress)
-
-
-def dropped(before: Fit, train: Data, name: str, *, progress: Report) -> Fit:
-    """Fit again with an effect less."""
-    return drop(before, list(train), name, progress=progress)
 
 
 def compared(fits: Sequence[Fit], data: Sequence[Recording], names: Sequence[str], *, progress: Report) -> Comparison:

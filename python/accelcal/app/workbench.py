@@ -18,7 +18,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec
 
-from accelcal import io
+from accelcal import io, verbs
 from accelcal._support import errors
 from accelcal._support.process import parts_of, within
 from accelcal.app import mapping, session_file, tasks
@@ -486,15 +486,15 @@ class Workbench:
         name, train = change.name, state.train
         if change.kind == "base":
             base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
-            return self._done(tasks.fitted, base, train, progress=progress)
+            return self._done(verbs.fit, train, base, progress=progress)
         before = fitted(state).fit
         if change.kind == "add":
             return self._done(tasks.added, before, train, name, names_of(state), progress=progress)
         if change.kind == "drop":
-            return self._done(tasks.dropped, before, train, name, progress=progress)
+            return self._done(verbs.drop, before, train, name, progress=progress)
         held = change.kind == "hold"
         model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
-        return self._done(tasks.refitted, before, train, model, progress=progress)
+        return self._done(verbs.refit, before, train, model, progress=progress)
 
     def _grown(self, state: State, change: Change, progress: Report) -> State:
         """The state with one more model, made the current one; all are compared with one filter."""
