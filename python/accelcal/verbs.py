@@ -855,8 +855,7 @@ def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
         return []
     number, change = rises
     best = " + ".join(("base", *steps[number].effects))
-    note = remark("heldout_rises", measure=change.measure, percent=change.percent, best=best, sigma=change.sigma)
-    return [note]
+    return [remark("heldout_rises", measure=change.measure, percent=change.percent, best=best, sigma=change.sigma)]
 
 
 def clean_holdout(

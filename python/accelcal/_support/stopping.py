@@ -69,10 +69,8 @@ class _Signals:
 
     def catch(self) -> None:
         """Turn signals into exceptions; one that whoever started the command ignores stays ignored."""
-        for name in SIGNALS:
-            number = getattr(signal, name)
-            if name != "SIGPIPE" and signal.getsignal(number) not in (signal.SIG_IGN, None):
-                signal.signal(number, self._stop)
+        for number in _obeyed():
+            signal.signal(number, self._stop)
         sys.unraisablehook = self._again
 
     def _again(self, lost: sys.UnraisableHookArgs) -> None:
@@ -108,6 +106,12 @@ class _Signals:
             signal.raise_signal(number)
 
 
+def _obeyed() -> list[int]:
+    """Numbers of the signals that end a command, without those that whoever started it ignores."""
+    numbers = [getattr(signal, name) for name in SIGNALS if name != "SIGPIPE"]
+    return [number for number in numbers if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+
+
 running: _Signals | None = None
 """Signals of the command that is running here; None where a program uses the package."""
 
@@ -135,10 +139,8 @@ def deferred() -> Iterator[Callable[[], bool]]:
         before.clear()
 
     if threading.current_thread() is threading.main_thread():
-        for name in SIGNALS:
-            number = getattr(signal, name)
-            if name != "SIGPIPE" and signal.getsignal(number) not in (signal.SIG_IGN, None):
-                before[number] = signal.signal(number, wait)
+        for number in _obeyed():
+            before[number] = signal.signal(number, wait)
     try:
         yield lambda: bool(came)
     finally:

@@ -359,8 +359,6 @@ def _digits(value: float, count: int) -> float:
 
 COVERAGE_FACTOR = 2.0
 """Expanded uncertainty over standard uncertainty; about 95 % for a normal distribution."""
-POWERS = {name: term.power for name, term in static_terms().items()}
-"""Power of the true acceleration that a parameter multiplies: an encoder scale error enters that many times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,7 +430,7 @@ def budget(fit: Fit) -> Budget:
     )
     if missing:
         return Budget((), missing)
-    mine = [e for e in fit.estimates if e.name in POWERS and e.std > 0.0]
+    mine = [e for e in fit.estimates if e.name in STATIC and e.std > 0.0]
     return Budget(tuple(Line(e, _components(fit, e)) for e in mine), ())
 
 
@@ -469,7 +467,7 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
             components.append(Component("zero of the reference", "B", zero, "m/s²", scale * zero))
         return tuple(components)
     size = fit.values().scale if e.name == "scale_factor" else e.value
-    n = POWERS[e.name]
+    n = STATIC[e.name].power  # an encoder scale error enters that many times
     if n == 0:
         return tuple(components)
     if moved and "encoder_scale" not in separated:

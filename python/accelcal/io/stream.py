@@ -342,10 +342,11 @@ class LineReader:
     """What is wrong with the header; the next lines may be a header that is whole."""
     _names: int = 0
     """How many names that header has: lines of another number of fields are not of it."""
-    _order: _Order = field(default_factory=lambda: _Order())
+    _order: _Order = field(init=False)
 
     def __post_init__(self) -> None:
         _require_lines(self.declared, self.source)
+        self._order = _Order(self.counts)
 
     @property
     def units(self) -> dict[str, str]:
@@ -421,10 +422,8 @@ class LineReader:
 
     def _ordered(self, rows: Array, *, ended: bool = False) -> Rows:
         """Those of the rows (n, m) that follow the rows before."""
-        order, counts = self._order, self.counts
-        ordered = order.kept(rows, ended=ended)
-        counts.out_of_order, counts.missing, counts.restarts = order.late, order.missing, order.restarts
-        counts.used += len(ordered)
+        ordered = self._order.kept(rows, ended=ended)
+        self.counts.used += len(ordered)
         return self._as_rows(ordered)
 
     def _as_rows(self, rows: ArrayLike) -> Rows:
@@ -514,11 +513,8 @@ class _Order:
     the last comes first; then all that wait were damaged.
     """
 
-    def __init__(self) -> None:
-        self.late = 0
-        """Rows that were skipped."""
-        self.missing = 0
-        self.restarts = 0
+    def __init__(self, counts: LineCounts) -> None:
+        self._counts = counts
         self._last = -math.inf
         self._shift = 0.0
         """What is added to stamps since the clock began anew, s."""
@@ -569,7 +565,7 @@ class _Order:
         if chain is None:
             if len(self._chains) == MOST_CHAINS:
                 self._chains.remove(shortest := min(self._chains, key=len))
-                self.late += len(shortest)
+                self._counts.out_of_order += len(shortest)
             self._chains.append(chain := [])
         chain.append(i)
         jump, lasts = t[chain[0]] - last, t[i] - t[chain[0]]
@@ -581,7 +577,7 @@ class _Order:
             if believed:
                 self._last += far  # what came between is unknown, as in a hole
                 self._shift = self._last + self._step - t[chain[0]]
-                self.restarts += 1
+                self._counts.restarts += 1
         if believed:
             self._take(rows, follows, chain)
 
@@ -597,14 +593,14 @@ class _Order:
 
     def _skip(self, but: int = 0) -> None:
         """Nothing waits any more."""
-        self.late += sum(map(len, self._chains)) + but
+        self._counts.out_of_order += sum(map(len, self._chains)) + but
         self._chains = []
 
     def _learn(self, step: float) -> None:
         """Count rows that this step leaves out; the usual step is the median of the first hundred."""
         if len(self._steps) == STEPS:
             if math.isfinite(left_out := step / self._step):
-                self.missing += max(0, round(left_out) - 1)
+                self._counts.missing += max(0, round(left_out) - 1)
         elif step < math.inf:
             self._steps.append(step)
             if len(self._steps) in (STEPS // 5, STEPS):

@@ -255,9 +255,9 @@ LOW = 0.55
 def entries(c: Content | AxesContent) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     if isinstance(c, AxesContent):
-        said, drifted = "Measured − simulated, in one band.", "One ordinate for all outputs."
-        yield _both("residuals", "axes", said, partial(comparison.residual_of_axes, c.judged))
-        yield _both("drifts", "axes", drifted, partial(comparison.coasting_of_axes, c.judged))
+        residual, drift = partial(comparison.residual_of_axes, c.judged), partial(comparison.coasting_of_axes, c.judged)
+        yield _both("residuals", "axes", "Measured − simulated, in one band.", residual)
+        yield _both("drifts", "axes", "One ordinate for all outputs.", drift)
         for axis, content in c.by_axis.items():
             for entry in entries(content):
                 yield replace(entry, name=f"{entry.name}-{axis}", section=f"{entry.section}-{axis}")
@@ -276,21 +276,35 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
         drawn = partial(diagnosis.added_variable, c.diagnosis)
     if drawn is not None:
         yield Entry("evidence", "first", said, drawn, partial(low, drawn))
-    said = (
-        "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
+    yield _both(
+        "candidates",
+        "found",
+        "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record.",
+        partial(diagnosis.ranking, c.diagnosis),
     )
-    yield _both("candidates", "found", said, partial(diagnosis.ranking, c.diagnosis))
     if c.shapes:
-        said = "Nonparametric curve of the model, with its pointwise uncertainty."
-        yield Entry("shape", "found", said, partial(timeline.fitted_curve, c.shapes))
+        yield Entry(
+            "shape",
+            "found",
+            "Nonparametric curve of the model, with its pointwise uncertainty.",
+            partial(timeline.fitted_curve, c.shapes),
+        )
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
-        said = "Hatched: effect not in the model yet." if c.lacking else ""
-        yield _both("falling", "falling", said, partial(diagnosis.error_reduction, nested, lacking=c.lacking))
+        yield _both(
+            "falling",
+            "falling",
+            "Hatched: effect not in the model yet." if c.lacking else "",
+            partial(diagnosis.error_reduction, nested, lacking=c.lacking),
+        )
         compared = list(zip(nested.names, nested, strict=True))
-    said = f"{caption} Every model of the table; shaded: stretches of the largest residual."
-    yield Entry("overlays", "falling", said, partial(timeline.overlay, compared))
+    yield Entry(
+        "overlays",
+        "falling",
+        f"{caption} Every model of the table; shaded: stretches of the largest residual.",
+        partial(timeline.overlay, compared),
+    )
     yield _both("coasting", "falling", caption, partial(comparison.coasting, c.judged))
     yield _both("simulated", "falling", caption, partial(comparison.simulated, c.judged))
     d, where = c.diagnosis, c.diagnosis.where
@@ -310,22 +324,46 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
     )
     yield Entry("quantiles", "where", caption, partial(residuals.quantile_plot, where))
     if c.response is not None:
-        said = f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit."
-        yield _both("sensitivity", "response", said, partial(sensitivity, c.response))
+        yield _both(
+            "sensitivity",
+            "response",
+            f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit.",
+            partial(sensitivity, c.response),
+        )
     if c.paths:
-        said = "Coefficients that processes and mechanisms of the model move, and what they follow best."
-        yield Entry("paths", "parameters", said, partial(timeline.paths, c.paths))
+        yield Entry(
+            "paths",
+            "parameters",
+            "Coefficients that processes and mechanisms of the model move, and what they follow best.",
+            partial(timeline.paths, c.paths),
+        )
     if c.track is not None:
-        said = "Estimates from the readings up to each instant; noise and smoothed motion from the whole record."
-        yield Entry("tracks", "parameters", said, partial(timeline.tracks, c.track))
+        yield Entry(
+            "tracks",
+            "parameters",
+            "Estimates from the readings up to each instant; noise and smoothed motion from the whole record.",
+            partial(timeline.tracks, c.track),
+        )
     yield Entry("timeline", "data", "The whole recording.", partial(timeline.timeline, c.recording, c.marks))
     if c.power is None:
         return
     first = [candidate.effect for candidate in c.diagnosis.scan.candidates[:6]]
-    said = "In addition to the effects of the model."
-    yield Entry("power", "data", said, partial(diagnosis.detectable_sizes, c.power))
+    yield Entry(
+        "power",
+        "data",
+        "In addition to the effects of the model.",
+        partial(diagnosis.detectable_sizes, c.power),
+    )
     if c.power.drift is not None:
-        said = "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma."
-        yield Entry("drift_limits", "data", said, partial(diagnosis.drift_limits, c.power.drift))
-    said = "Each effect with the shape parameters at which it is detected best."
-    yield Entry("signatures", "apart", said, partial(diagnosis.signatures, c.power, first))
+        yield Entry(
+            "drift_limits",
+            "data",
+            "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma.",
+            partial(diagnosis.drift_limits, c.power.drift),
+        )
+    yield Entry(
+        "signatures",
+        "apart",
+        "Each effect with the shape parameters at which it is detected best.",
+        partial(diagnosis.signatures, c.power, first),
+    )

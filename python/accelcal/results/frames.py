@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal._support.arguments import found
-from accelcal._support.errors import MissingExtra
+from accelcal._support.errors import optional
 from accelcal._support.result import Result
 from accelcal._support.values import listing
 from accelcal.data import Dwells, Recording
@@ -140,11 +140,7 @@ def xarray_module() -> Any:
     MissingExtra
         If it is not installed.
     """
-    try:
-        import xarray
-    except ImportError as error:
-        raise MissingExtra('a Dataset needs xarray; install it with: pip install "accelcal[xarray]"') from error
-    return xarray
+    return optional("xarray", "a Dataset needs", "xarray")
 
 
 @singledispatch

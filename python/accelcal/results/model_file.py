@@ -63,7 +63,8 @@ def migrated(content: Any) -> dict[str, Any]:
         content = STEPS[step](content)
     if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, axes, and without what follows
         content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
-    filled: dict[str, Any] = {"at_mean": [], "at_shapes": [], **_without("version", _without("schema", content))}
+    rest = {key: value for key, value in content.items() if key not in ("schema", "version")}
+    filled: dict[str, Any] = {"at_mean": [], "at_shapes": [], **rest}
     parts = {name: filled.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
     return filled | {
         name: [{"axis": "", **part} if isinstance(part, dict) else part for part in several]
@@ -159,11 +160,6 @@ def _run(run: Mapping[str, Any], noise: Mapping[str, Any]) -> dict[str, Any]:
         **{key: run[key] for key in ("readings", "samples", "log_likelihood", "nis")},
         **{"noise": report, "labels": labels},
     }
-
-
-def _without(key: str, part: Mapping[str, Any]) -> dict[str, Any]:
-    """Part without one key."""
-    return {name: value for name, value in part.items() if name != key}
 
 
 def _level(level: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from accelcal._support.errors import AccelcalError, MissingExtra
+from accelcal._support.errors import AccelcalError, optional
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -198,7 +198,10 @@ def as_frame(shown: Table) -> DataFrame:
         If pandas is not installed.
     """
     columns = [column for column in shown.columns if column.key]
-    values = {column.key: [_value(row.get(column.key)) for row in shown.rows] for column in columns}
+    values = {
+        column.key: [math.nan if row.get(column.key) is None else row[column.key] for row in shown.rows]
+        for column in columns
+    }
     frame = pandas_module().DataFrame(values, columns=[column.key for column in columns]).set_index(columns[0].key)
     frame.attrs = {"units": {column.key: column.unit for column in columns if column.unit}, **shown.about}
     return frame
@@ -212,15 +215,7 @@ def pandas_module() -> Any:
     MissingExtra
         If it is not installed.
     """
-    try:
-        import pandas
-    except ImportError as error:
-        raise MissingExtra('a DataFrame needs pandas; install it with: pip install "accelcal[pandas]"') from error
-    return pandas
-
-
-def _value(value: Any) -> Any:
-    return math.nan if value is None else value
+    return optional("pandas", "a DataFrame needs", "pandas")
 
 
 def as_view(shown: Table) -> dict[str, Any]:

@@ -339,12 +339,11 @@ def _equipment(parent: ET.Element, laboratory: Laboratory) -> None:
             _identified(listed, issuer, piece[f"equipment.{key}"], name)
 
 
-def _identified(parent: ET.Element, issuer: str, value: str, name: str) -> ET.Element:
+def _identified(parent: ET.Element, issuer: str, value: str, name: str) -> None:
     identification = _add(parent, "identification")
     _add(identification, "issuer", issuer)
     _add(identification, "value", value)
     _named(identification, "name", name)
-    return identification
 
 
 def _measurement(parent: ET.Element, measurement: Measurement, laboratory: Laboratory) -> None:
