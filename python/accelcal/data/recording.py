@@ -69,12 +69,8 @@ def days_of(value: object) -> float:
         If it is no date.
     """
     if isinstance(value, str):
-        try:
+        with suppress(ValueError):
             value = datetime.fromisoformat(value)
-        except ValueError:
-            raise AccelcalError(
-                f"found {shown(value)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
-            ) from None
     if isinstance(value, datetime):
         at = value if value.tzinfo else value.replace(tzinfo=UTC)
         return (at - EPOCH) / timedelta(days=1)

@@ -169,11 +169,11 @@ class _Text:
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Columns of numbers, instants in seconds."""
-        data, columns = self._data(), {}
+        data, columns = self._data(), dict[str, Column]()
         for dialect in self.tables:
             inside = [name for name in names if name in dialect.columns]
-            for name, cells in zip(inside, self._cells(data, dialect, inside) if inside else (), strict=True):
-                columns[name] = cells
+            if inside:
+                columns |= zip(inside, self._cells(data, dialect, inside), strict=True)
         return columns
 
     def text(self, name: str) -> NDArray[np.str_]:

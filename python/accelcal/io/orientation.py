@@ -93,7 +93,8 @@ def with_orientation(
     if GRAVITY not in channels:
         return dict(channels), declared.rig, []
     level = channels[GRAVITY]
-    if level.unit != "m/s^2" or float(np.max(np.abs(level.y))) > MOST_GRAVITY + _shaken(channels):
+    turns = LEVERS[0] in channels
+    if level.unit != "m/s^2" or (not turns and float(np.max(np.abs(level.y))) > MOST_GRAVITY):
         raise RecordingError(
             f"{file}: {GRAVITY}: between {np.min(level.y):.4g} and {np.max(level.y):.4g} {level.unit}; expected what "
             "an ideal accelerometer on the axis reads at rest, within ±9.81 m/s^2. Give g times the sine of the axis's "
@@ -122,11 +123,6 @@ def undeclared_orientation(table: Table, declared: Sidecar) -> list[Finding]:
     return [Finding("orientation", "", 1, 0.0, text)]
 
 
-def _shaken(channels: Mapping[str, Channel]) -> float:
-    """What the acceleration of a turning axis may add to gravity along it, m/s²; 0 where no body turns."""
-    return math.inf if LEVERS[0] in channels else 0.0
-
-
 def _of_attitude(
     file: str, channels: dict[str, Channel], declared: Sidecar, attitude: Attitude, unchanged: Unchanged
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
@@ -134,8 +130,9 @@ def _of_attitude(
     for name in parts_of_orientation(declared):
         if name not in channels:
             column = columns.get(name) or declared.channels[name].column
+            what = name if name in PLACE else f"the attitude ({name.removeprefix('attitude.')})"
             raise RecordingError(
-                f'{file}: column "{column}": every cell is empty, expected numbers for {_in_words(name)}; give another '
+                f'{file}: column "{column}": every cell is empty, expected numbers for {what}; give another '
                 "column, or leave [channels.attitude] out"
             )
     place = [channels.pop(name) for name in PLACE]
@@ -300,10 +297,6 @@ def _require_unit_length(file: str, t: Array, q: Array, columns: Mapping[str, st
             f"at t = {t[i]:.6g} s: {length[i]:.4g}); expected w, x, y, z of a unit quaternion. Check the order of the "
             "columns and their units, and leave the cells of bad samples empty"
         )
-
-
-def _in_words(name: str) -> str:
-    return name if name in PLACE else f"the attitude ({name.removeprefix('attitude.')})"
 
 
 def _rates(file: str, channels: dict[str, Channel], declared: Sidecar) -> tuple[Array, Array]:

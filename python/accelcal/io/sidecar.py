@@ -391,13 +391,17 @@ def _table(declared: object, where: str, checks: Mapping[str, _Check]) -> dict[s
         check = checks.get(key) or checks.get(_ANY_OTHER)
         if check is None:
             raise _KeyError(_join(where, key), f"unknown key; {_nearest(key, checks)}")
-        try:
-            values[key] = check(value)
-        except _KeyError as error:
-            raise _KeyError(_join(where, key, error.where), error.text) from None
-        except ValueError as error:
-            raise _KeyError(_join(where, key), str(error)) from None
+        values[key] = _checked(check, value, _join(where, key))
     return values
+
+
+def _checked(check: _Check, value: object, where: str) -> Any:
+    """The value in SI; an error tells where it stands."""
+    try:
+        return check(value)
+    except ValueError as error:
+        inside = error.where if isinstance(error, _KeyError) else ""
+        raise _KeyError(_join(where, inside), str(error)) from None
 
 
 class _KeyError(AccelcalError):
@@ -577,15 +581,8 @@ def _filters(passes: Pass) -> _Check:
             raise AccelcalError(
                 "found an empty list, expected at least one filter; leave the key out where there is none"
             )
-        filters = []
-        for number, item in enumerate(value, 1):
-            try:
-                filters.append(_filter(item, passes))
-            except _KeyError as error:
-                raise _KeyError(_join(str(number), error.where), error.text) from None
-            except ValueError as error:
-                raise _KeyError(str(number), str(error)) from None
-        return filters
+        one = partial(_filter, passes=passes)
+        return [_checked(one, item, str(number)) for number, item in enumerate(value, 1)]
 
     return check
 
@@ -593,18 +590,19 @@ def _filters(passes: Pass) -> _Check:
 _FILTERED: dict[str, _Check] = {"lowpass": _filters("lowpass"), "highpass": _filters("highpass")}
 
 
-def _source(**further: _Check) -> _Check:
-    """A channel; scale and zero are of the source, keys of its own come back beside it."""
+def _source(example: str = 'column = "accel", unit = "m/s^2"', /, **further: _Check) -> _Check:
+    """A channel; scale and zero are of the source, keys of its own come back beside it, and a zero that is an angle."""
 
     def check(value: object) -> tuple[Source, dict[str, Any]]:
         values = _table(value, "", _SOURCE | further)
         if "column" not in values:
-            raise AccelcalError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
+            raise AccelcalError(f"column is missing; expected e.g. {{ {example} }}")
+        angle = {"zero": values.pop("zero")} if isinstance(values.get("zero"), float) else {}
         scale, zero, _ = _scaled(values, "")
         if zero is not None and scale is None:
             raise _KeyError("zero", 'needs a scale beside it, e.g. scale = "20 V/m"')
         extra = {key: values.pop(key) for key in further if key in values}
-        return Source(**values, scale=scale, zero=zero or 0.0), extra
+        return Source(**values, scale=scale, zero=zero or 0.0), extra | angle
 
     return check
 
@@ -633,13 +631,8 @@ def _angle(value: object) -> tuple[Source, dict[str, Any]]:
 
     amounts = {"noise": _amount("angle", "positive"), "resolution": _amount("angle", "positive")}
     scale = partial(units.sensitivity, kind="angle")
-    values = _table(value, "", _SOURCE | amounts | {"scale": scale, "zero": zero})
-    if "column" not in values:
-        raise AccelcalError('column is missing; expected e.g. { column = "angle", unit = "deg" }')
-    level = values.pop("zero") if isinstance(values.get("zero"), float) else 0.0
-    sensitivity, electrical, _ = _scaled(values, "")
-    extra = {key: values.pop(key) for key in amounts if key in values}
-    return Source(**values, scale=sensitivity, zero=electrical or 0.0), extra | {"zero": level}
+    source, extra = _source('column = "angle", unit = "deg"', scale=scale, zero=zero, **amounts)(value)
+    return source, {"zero": 0.0} | extra
 
 
 def _noticed(value: object) -> tuple[Finding, ...]:

@@ -65,13 +65,8 @@ def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Sourc
     RecordingError
         If a channel has a name that would be read back as something else.
     """
-    import pyarrow as pa
-
     columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
-    _require_readable(recording, columns)
-    table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
-    _write_table(table, path, csv=True)
-    return _sources(recording, "t_s", columns)
+    return _write(recording, path, "t_s", columns, csv=True)
 
 
 def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | Source]:
@@ -79,14 +74,27 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
 
     Parameters, return value and errors are those of `write_csv`.
     """
+    return _write(recording, path, "t", {channel.name: channel.name for channel in _channels(recording)}, csv=False)
+
+
+def _write(
+    recording: Recording, path: str | Path, time: str, columns: Mapping[str, str], *, csv: bool
+) -> dict[str, Clock | Source]:
+    """Write one column for each channel, by its name, beside the time; return where each of them is."""
     import pyarrow as pa
 
-    columns = {channel.name: channel.name for channel in _channels(recording)}
     _require_readable(recording, columns)
-    units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
-    schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
-    _write_table(pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema), path, csv=False)
-    return _sources(recording, "t", columns)
+    fields = [pa.field(time, pa.float64(), metadata={"unit": "s"})]
+    t = common_stamps(recording)
+    cells = {time: cells_of(t, np.zeros(len(t), np.bool_))}
+    sources: dict[str, Clock | Source] = {"time": Clock(column=time, unit="s")}
+    for channel, values, missing in common_rows(recording):
+        name = columns[channel.name]
+        fields.append(pa.field(name, pa.float64(), metadata={"unit": channel.unit}))
+        cells[name] = cells_of(values, missing)
+        sources[channel.name] = Source(name, channel.unit)
+    _write_table(pa.table(cells, schema=pa.schema(fields)), path, csv=csv)
+    return sources
 
 
 def write_body(body: Body, path: str | Path, mark: Callable[[str], str] = str) -> None:
@@ -213,22 +221,6 @@ def common_rows(recording: Recording) -> Iterator[tuple[Channel, Array, Flags]]:
     for channel in _channels(recording):
         values, present = on_stamps(channel, t)
         yield channel, values, ~present
-
-
-def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
-    """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
-    for channel, values, missing in common_rows(recording):
-        yield channel.name, cells_of(values, missing)
-
-
-def _stamps(recording: Recording) -> Any:
-    t = common_stamps(recording)
-    return cells_of(t, np.zeros(len(t), np.bool_))
-
-
-def _sources(recording: Recording, time: str, columns: Mapping[str, str]) -> dict[str, Clock | Source]:
-    sources = {channel.name: Source(columns[channel.name], channel.unit) for channel in _channels(recording)}
-    return {"time": Clock(column=time, unit="s"), **sources}
 
 
 def _amount(value: float | None, unit: str, usual: str = "") -> str | None:
