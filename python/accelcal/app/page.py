@@ -371,17 +371,18 @@ class Zoom:
                 widgets.button(text, "zoom_in", lambda stretch=stretch: self.go(stretch), flat=True)
             widgets.button("Whole record", "zoom_out_map", self.reset, flat=True)
 
-    def table(self, evaluation: Evaluation) -> None:
-        """Where the model fails: a row for each variable, whose range leads to where it is seen."""
+    def table(self, evaluation: Evaluation, *, leads: bool = True) -> None:
+        """Where the model fails: a row for each variable, whose range leads to where it is seen if that is drawn."""
         shown = evaluation.table("regions")
         head, worded = shown.cells
         rows: list[list[widgets.Cell]] = [list(row) for row in worded]
         for cells, region in zip(rows, evaluation.worst_regions, strict=True):
-            if region.stretch is not None:
+            if leads and region.stretch is not None:
                 cells[1] = self._link(str(cells[1]), region.variable, region.stretch)
         if rows:
             widgets.table(head, rows, "Where it fails")
-            ui.label(" ".join((*shown.notes, "Click a range to see it in the figure."))).classes("note")
+            lead = ["Click a range to see it in the figure."] if leads else []
+            ui.label(" ".join((*shown.notes, *lead))).classes("note")
 
     def _link(self, text: str, variable: str, stretch: Stretch) -> Callable[[], Any]:
         """A cell that leads to a stretch of time."""

@@ -205,7 +205,10 @@ def export(
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
         followed = exports.live_filter(of_one_output(model), rate, watch=suspects, gate=gate)
-        export_filter(exports.filter_files(followed, output.name, live, precision, model.name), output.parent)
+        texts = exports.filter_files(followed, output.name, live, precision, model.name)
+        paths = {output.parent / name: text for name, text in texts.items()}
+        write_together(paths)
+        print_written(*paths)
         return
     if watch is not None or gate is not None:
         raise UsageError("--watch and --gate: go with --filter c (or rust) and --rate 1667")
@@ -265,13 +268,6 @@ def write_together(files: Mapping[Path, str]) -> None:
     with io.together():
         for path, text in files.items():
             io.atomic_write(path, text)
-
-
-def export_filter(texts: Mapping[str, str], folder: Path) -> None:
-    """Write the files of a live filter, all or none."""
-    paths = {folder / name: text for name, text in texts.items()}
-    write_together(paths)
-    print_written(*paths)
 
 
 def of_one_output(model: Path) -> Fit:

@@ -539,7 +539,7 @@ class InnovationMonitor:
         means = [(mean, mean.bound(alpha / 2.0, off)) for mean in (tests.mean, MeanTest(np.sum(self._sums, axis=0)))]
         mean, farthest = max(means, key=lambda pair: pair[0].distance / pair[1])
         correlated = normal_bound(alpha) / math.sqrt(max(n, 1)) + WHITENESS_TOLERANCE
-        largest = math.sqrt(off) * tests.largest_bound(alpha)
+        largest = math.sqrt(off) * normal_bound(-math.expm1(math.log1p(-alpha) / max(n, 1)))
         before = np.concatenate([self._before, tests.scores])[: len(self._before) + tests.first_beyond(largest)]
         self._before = tests.scores[-CALM:]
         self.remark = ""
@@ -649,10 +649,6 @@ class BlockTests:
         """Readings before the first that is as large."""
         beyond = np.flatnonzero(~(np.abs(self.scores) <= bound))
         return int(beyond[0]) if len(beyond) else self.n
-
-    def largest_bound(self, alpha: float) -> float:
-        """What the largest of as many normal numbers exceeds with a probability of `alpha`."""
-        return normal_bound(-math.expm1(math.log1p(-alpha) / max(self.n, 1)))
 
 
 def _distance(slopes: Array, informations: Array) -> tuple[float, int, float]:

@@ -318,7 +318,8 @@ def _fit(
     of_noise = np.diag(covariance).copy()
     covariance[0, 0] += (max(p.reference_std for p in points) * best.x[0]) ** 2  # an error that all points share
     share = of_noise / np.maximum(np.diag(covariance), 1e-300)
-    effective = _degrees(points, degrees, widened) / np.maximum(share, 1e-12) ** 2  # Welch and Satterthwaite
+    free = degrees if widened > 2.0 else sum(p.degrees for p in points)  # of the fit where that widened it
+    effective = free / np.maximum(share, 1e-12) ** 2  # Welch and Satterthwaite
     factors = scipy.special.stdtrit(effective, 0.5 + 0.5 * COVERAGE)
     half = len(points)
     return Fitted(
@@ -333,11 +334,6 @@ def _fit(
         behind,
         rate,
     )
-
-
-def _degrees(points: Sequence[Point], degrees: int, widened: float) -> float:
-    """Degrees of freedom of the uncertainty: those of the points together, or of the fit where it was widened."""
-    return float(degrees) if widened > 2.0 else float(sum(p.degrees for p in points))
 
 
 def _bounds(structure: Structure, f: Array) -> tuple[Array, Array]:

@@ -182,11 +182,12 @@ def low_pass(page: Page) -> None:
         f"{corner:g} Hz lags so; if the sensor or the logger has one, declare it. The model estimates the lag already."
     )
     ui.label(text).classes("warning")
-    button = widgets.button(
-        f"Declare RC {corner:g} Hz",
-        "filter_alt",
-        lambda: page.improve(page.bench.declare_low_pass, corner),
-    )
+    declare = partial(page.improve, page.bench.declare_low_pass, corner)
+    at_rest(page, widgets.button(f"Declare RC {corner:g} Hz", "filter_alt", declare))
+
+
+def at_rest(page: Page, button: ui.button) -> None:
+    """Disable a button while something else is under way."""
     button.set_enabled(page.bench.job is None)
     page.of_rest.append(button)
 
@@ -241,13 +242,19 @@ def show(page: Page) -> None:
     outputs, previous = state.beside(state.step), state.previous
     before_outputs = {} if previous is None else state.beside(previous)
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
+
+    def of_diagnosis() -> None:
+        place.clear()
+        page.of_rest[:] = [button for button in page.of_rest if not button.is_deleted]
+        with place, widgets.card("Diagnosis", "verdict"):
+            verdict(page)
+
     with widgets.card("Error on held-out data", "ruler"):
         error(page)
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             place = ui.element("div")
-            with place, widgets.card("Diagnosis", "verdict"):
-                verdict(page)
+            of_diagnosis()
             with widgets.card("Models"):
                 tree(page)
             example = example_of(state.file)
@@ -298,13 +305,6 @@ def show(page: Page) -> None:
                         behind=("falling", shown),
                     )
     widgets.copies(page)
-
-    def of_diagnosis() -> None:
-        place.clear()
-        page.of_rest[:] = [button for button in page.of_rest if not button.is_deleted]
-        with place, widgets.card("Diagnosis", "verdict"):
-            verdict(page)
-
     page.of_diagnosis = of_diagnosis
 
 
@@ -339,9 +339,8 @@ PATH = 300
 def add_button(page: Page, effect: str, *, primary: bool = False) -> None:
     """The button that adds an effect, disabled while something else is under way."""
     label = f"Add {spelled(effect)}"
-    button = widgets.button("Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=label)
-    button.set_enabled(page.bench.job is None)
-    page.of_rest.append(button)
+    add = partial(page.improve, page.bench.add, effect)
+    at_rest(page, widgets.button("Add", "add", add, primary=primary, label=label))
 
 
 def overlay(page: Page, evaluation: Evaluation, shown: tuple[int, ...]) -> None:
@@ -613,14 +612,7 @@ def show_residuals(page: Page) -> None:
 def regions(state: State, zoom: Zoom, evaluation: Evaluation) -> None:
     """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
     first = state.first_fitted
-    if state.drawn is first:
-        zoom.table(evaluation)
-        return
-    ui.label(f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges.").classes(
-        "note"
-    )
-    if evaluation.worst_regions:
-        shown = evaluation.table("regions")
-        head, rows = shown.cells
-        widgets.table(head, rows, "Where it fails")
-        ui.label(" ".join(shown.notes)).classes("note")
+    if state.drawn is not first:
+        text = f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges."
+        ui.label(text).classes("note")
+    zoom.table(evaluation, leads=state.drawn is first)
