@@ -27,6 +27,7 @@ from accelcal.cli.common import (
     print_status,
     print_written,
     progress,
+    require_ending,
     require_folder,
     suggest,
     with_exit_codes,
@@ -64,8 +65,7 @@ def require_usable(dcc: Path | None, lab: Path | None, schema: Path | None) -> N
     """
     if dcc is None and (lab or schema):
         raise UsageError("--lab and --schema apply to a certificate; add --dcc draft.xml")
-    if dcc is not None and dcc.suffix != ".xml":
-        raise UsageError(f"--dcc {dcc}: expected a name that ends in .xml")
+    require_ending("--dcc", dcc, ".xml")
 
 
 def laboratory_of(lab: Path | None) -> exports.Laboratory:
@@ -154,8 +154,7 @@ def pages_to_write(target: Path, pdf: bool) -> list[Path]:
     UsageError
         If the name ends in neither .html nor .pdf.
     """
-    if target.suffix not in (".html", ".pdf"):
-        raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
+    require_ending("--output", target, ".html", ".pdf")
     return [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
 
 

@@ -276,6 +276,12 @@ def require_folder(name: str) -> None:
         raise UsageError(f"accelcal was installed without python/accelcal/{name}; install it from the whole repository")
 
 
+def require_ending(option: str, path: Path | None, *endings: str, what: str = "") -> None:
+    """Refuse the name of an output that ends otherwise."""
+    if path is not None and path.suffix not in endings:
+        raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}{what}")
+
+
 def exit_with(text: str, code: int) -> NoReturn:
     """Print an error on stderr and exit."""
     print(visible(f"accelcal: {text}"), file=sys.stderr)

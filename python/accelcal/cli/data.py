@@ -30,6 +30,7 @@ from accelcal.cli.common import (
     print_status,
     print_written,
     progress,
+    require_ending,
     require_folder,
     say_line,
     show_table,
@@ -268,8 +269,7 @@ def truth_text(truth: Mapping[str, float]) -> str:
 
 def require_recording(path: Path) -> Path:
     """Refuse an output that no recording is written as."""
-    if path.suffix not in (".csv", ".parquet"):
-        raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
+    require_ending("--output", path, ".csv", ".parquet")
     return path
 
 
@@ -409,8 +409,7 @@ def guided(source: ByteSource, rig: Path | None, guide: sessions.DwellGuide, out
 
     from accelcal.io.stream import Intake, LineReader
 
-    if output is not None and output.suffix != ".csv":
-        raise UsageError(f"--output {output}: expected a name that ends in .csv for the table of positions")
+    require_ending("--output", output, ".csv", what=" for the table of positions")
     if rig is None:
         raise UsageError("--guide: give --rig with the columns accel_x, accel_y, accel_z and their units")
     declared = io.read_sidecar(rig)

@@ -29,6 +29,7 @@ from accelcal.cli.common import (
     print_status,
     print_written,
     progress,
+    require_ending,
     require_folder,
     say_line,
     with_exit_codes,
@@ -370,8 +371,7 @@ def live(
     interval = parse_quantity(every, "time", "--every")
     if interval is None or not interval > 0.0:
         raise UsageError(f"--every {every!r}: expected a time above 0")
-    if output is not None and output.suffix != ".parquet":
-        raise UsageError(f"--output {output}: expected a name that ends in .parquet")
+    require_ending("--output", output, ".parquet")
     if output is not None:
         refuse_replacing(output)
     if save is not None and model is None:

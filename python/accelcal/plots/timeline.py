@@ -302,16 +302,14 @@ def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
         Line(evaluation.accel_residual[0], evaluation.accel_residual[1] * factor, f"residual, {called}", role, COLUMNS)
         for called, evaluation, role in shown
     ]
-    text = "too short for a fit in percent"
-    if current.fit_percent is not None:
-        text = f"fit {percent(current.fit_percent)} below {current.band:.3g} Hz"
+    below_band = "" if current.fit_percent is None else f" below {current.band:.3g} Hz"
     stretch = Level(low=begin, high=end, name="stretch drawn above", role="band", upright=True)
     return Figure(
         (
             Panel(above, Axis("time", "s", range=(begin, end)), Axis("output", "m/s²"), height=140.0),
             Panel((*below, stretch), TIME, Axis("residual", unit), height=95.0),
         ),
-        f"Measured and simulated output: {text}",
+        f"Measured and simulated output: {fit_text(current)}{below_band}",
     )
 
 

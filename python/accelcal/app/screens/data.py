@@ -401,8 +401,8 @@ def check(page: Page, run: Run) -> None:
             if stretch is not None:
                 span = " to ".join(f"{instant(at)} s" for at in stretch)
                 widgets.button(f"Exclude {span}", "content_cut", partial(page.act, page.bench.exclude, *stretch))
-    for severity, kind in (("warning", "warning"), ("note", "note")):
-        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
+    for severity in ("warning", "note"):
+        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], severity)
     rows = [
         [
             name,

@@ -245,7 +245,8 @@ def certificate(
     missing += undeclared
     root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", schemaVersion=VERSION)
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
-    root.append(_comment("DRAFT: not signed, not accredited. " + _missing(missing)))
+    lacking = f"Missing: {', '.join(missing)}." if missing else "Nothing is missing."
+    root.append(_comment(f"DRAFT: not signed, not accredited. {lacking}"))
     _administrative(ET.SubElement(root, f"{{{DCC}}}administrativeData"), sensor, laboratory)
     results = ET.SubElement(root, f"{{{DCC}}}measurementResults")
     _measurement(ET.SubElement(results, f"{{{DCC}}}measurementResult"), measurement, laboratory)
@@ -254,10 +255,6 @@ def certificate(
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     return Draft(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n', tuple(missing))
-
-
-def _missing(keys: Sequence[str]) -> str:
-    return f"Missing: {', '.join(keys)}." if keys else "Nothing is missing."
 
 
 def _comment(text: str) -> Any:
