@@ -118,11 +118,11 @@ class RelationColumns:
         """Jumps of the position that they show."""
         return tuple(position_steps(self))
 
-    @property
-    def bands(self) -> list[float]:
-        """Crossovers at which changes are sought, Hz, the widest first; none of a record that is too short."""
+    def bands(self, share: float = 0.1, parts: float = 4.0) -> list[float]:
+        """Crossovers from a share of the encoder's rate down to the slowest that `parts` of the record resolve, Hz; by
+        default those at which changes are sought. None of a record that is too short."""
         run = self.run
-        top, lowest = 0.1 / run.reading_step, 4.0 * RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+        top, lowest = share / run.reading_step, parts * RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
         count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
         return [float(band) for band in np.geomspace(top, lowest, count)] if lowest < top else []
 
@@ -360,13 +360,11 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     inside = (t >= run.t[0]) & (t <= run.t[-1])
     t, z = t[inside], z[inside]
     skipped = spikes(t, z, recording.accel)
-    begins = np.flatnonzero(skipped & ~np.concatenate([[False], skipped[:-1]]))
-    ends = np.flatnonzero(skipped & ~np.concatenate([skipped[1:], [False]]))
     instants = []
-    for a, b in zip(begins, ends, strict=True):
+    for a, b in runs_of_true(skipped, 1):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        how_many = amount_of(int(b - a) + 1, "reading jumps", "readings jump")
+        how_many = amount_of(b - a + 1, "reading jumps", "readings jump")
         back = "returns" if a == b else "return"
         text = f"position: {how_many} by {in_usual_unit(size, 'm')} at t = {instant(t[a])} s and {back}"
         instants.append(Fault("glitch", "position", float(t[a]), size, text))
@@ -614,11 +612,8 @@ def usable(source: Source, columns: RelationColumns | None = None) -> Usable:
     if columns is None or run is not columns.run:
         columns = RelationColumns(run)
     breaks = find_breaks(columns)
-    start, end = float(run.t[0]), float(run.t[-1])
-    if breaks:
-        before = run.t[run.t < breaks[0]]
-        end = float(before[-1])
-    return Usable(start, end, breaks, columns)
+    used = run.t[run.t < breaks[0]] if breaks else run.t
+    return Usable(float(run.t[0]), float(used[-1]), breaks, columns)
 
 
 def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
@@ -643,7 +638,7 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
     """
     run = columns.run
-    bands = columns.bands
+    bands = columns.bands()
     if len(bands) == 0:
         return ()
     widest, largest = 0.0, math.inf
@@ -755,7 +750,7 @@ def without_unrelated_start(columns: RelationColumns) -> Recording | None:
     ----------
     columns : of every reading of it.
     """
-    for band in columns.bands:
+    for band in columns.bands():
         relation = columns.in_band(band)
         gram, K = relation.gram[::-1], len(relation.gram)
         if K < 2 * RELATION_LEAST_BLOCKS:
@@ -784,7 +779,7 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
     ----------
     columns : of every reading of it.
     """
-    for band in columns.bands:
+    for band in columns.bands():
         relation = columns.in_band(band)
         full = relation.gram[:, 5, 5] > 0.0  # in a long gap there is nothing to compare
         gram, begins, K = relation.gram[full], relation.edges[:-1][full], int(np.sum(full))

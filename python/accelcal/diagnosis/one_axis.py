@@ -85,17 +85,12 @@ def explained(run: PreparedRun) -> bool:
     Each period of a band counts as one independent sample.
     """
     columns = RelationColumns(run)
-    top = 0.5 / run.reading_step  # readings may be slower than the motion
-    lowest = RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
-    if lowest >= top:
-        return False
-    count = max(2, int(np.ceil(BANDS_PER_DECADE * np.log10(top / lowest))) + 1)
-    for band in np.geomspace(top, lowest, count):
-        gram = columns.in_band(float(band)).gram
+    for band in columns.bands(0.5, 1.0):  # readings may be slower than the motion
+        gram = columns.in_band(band).gram
         if len(gram) < 2:
             continue
         share = float(unexplained(gram.sum(axis=0, keepdims=True))[1][0])
-        periods = float(band) * float(run.t[-1] - run.t[0])
+        periods = band * float(run.t[-1] - run.t[0])
         if -0.5 * periods * np.log1p(-min(share, 1.0 - 1e-15)) > REST_LOG_LIKELIHOOD:
             return True
     return False
@@ -189,11 +184,8 @@ def related_in_part(run: PreparedRun) -> bool:
     Every block of at least one period counts as one independent sample.
     """
     columns = RelationColumns(run)
-    top = 0.5 / run.reading_step
-    lowest = RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
-    count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(max(top / lowest, 2.0))) + 1)
-    for band in np.geomspace(top, lowest, count):
-        gram = columns.in_band(float(band)).gram
+    for band in columns.bands(0.5, 1.0):
+        gram = columns.in_band(band).gram
         if len(gram) < RELATION_LEAST_BLOCKS:
             continue
         before = np.concatenate([np.zeros((1, 6, 6)), np.cumsum(gram, axis=0)])

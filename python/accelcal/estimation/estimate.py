@@ -820,11 +820,9 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
     for e in listed:
         if e.name in model.fixed:
             estimates.append(e)
-        elif e.name not in solution.between:
-            estimates.append(replace(e, value=float(value[number]), std=float(std[number])))
-            number += 1
-        elif e.run == 0:
-            estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
+        elif e.name not in solution.between or e.run == 0:
+            run = None if e.name in solution.between else e.run
+            estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=run))
             number += 1
     if solution.joint is None:
         return tuple(estimates), covariance, tuple(spreads), ()

@@ -24,7 +24,8 @@ from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, block_length, shrunk_inflation
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
-from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scale_of
+from accelcal.diagnosis.search.refine import grid_bracket
+from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scaled_gram
 from accelcal.effects import Effect
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
@@ -132,9 +133,9 @@ class DetectionModel:
         expected = coefficients(truth, sizes) @ remaining.G[remaining.columns[-1]]
         length = block_length(self.state)
         edges = np.flatnonzero(np.diff(np.floor(t / length), prepend=-1.0))
-        values, vectors = np.linalg.eigh(normalised(remaining.G))
+        scaled, size = scaled_gram(remaining.G)
+        values, vectors = np.linalg.eigh(scaled)
         good = values > 1e-9
-        size = scale_of(np.diag(remaining.G))
         Q = (X / size) @ (vectors[:, good] / np.sqrt(values[good]))
         scatters = {}
         for item, columns in zip(named, remaining.columns, strict=False):
@@ -189,10 +190,7 @@ def shapes_between(item: Hypothesis, state: RunState) -> list[Hypothesis]:
         if len(grid) < 2 or held or proposed_by_record(item):
             choices.append([(name, value)])
             continue
-        k = int(np.argmin(np.abs(grid - value)))
-        low, high = declared.span(s)
-        below = float(grid[k - 1]) if k > 0 else low
-        above = float(grid[k + 1]) if k + 1 < len(grid) else high
+        below, above = grid_bracket(grid, declared.span(s), value)
         choices.append([(name, float(v)) for v in np.linspace(below, above, SHAPES_BETWEEN + 2)[1:-1]])
     shapes = [dict(choice) for choice in product(*choices)]
     return [replace(item, shape=shape) for shape in shapes if shape != dict(item.shape)]
@@ -201,15 +199,9 @@ def shapes_between(item: Hypothesis, state: RunState) -> list[Hypothesis]:
 def drawn_scores(G: Array, rng: np.random.Generator, draws: int) -> Array:
     """Scores of noise alone, (draws, columns), with covariance `G`."""
     size = np.sqrt(np.maximum(np.diag(G), 0.0))
-    values, vectors = np.linalg.eigh(normalised(G))
+    values, vectors = np.linalg.eigh(scaled_gram(G)[0])
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(rng.standard_normal((draws, len(G))) @ root.T * size)
-
-
-def normalised(G: Array) -> Array:
-    """A Gram matrix scaled to a diagonal of ones."""
-    size = scale_of(np.diag(G))
-    return np.asarray(G / np.outer(size, size))
 
 
 def coefficients(truth: Hypothesis, sizes: Array, rng: np.random.Generator | None = None, draws: int = 1) -> Array:
@@ -233,9 +225,9 @@ def drawn_gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
             return np.zeros(len(b)), 0
         gain = b[:, 0] ** 2 / A[0, 0]
         return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.traits.positive else gain), 1
-    values, vectors = np.linalg.eigh(normalised(A))
+    scaled, size = scaled_gram(A)
+    values, vectors = np.linalg.eigh(scaled)
     good = values > DEGENERATE_MIX
-    size = scale_of(np.diag(A))
     return np.sum(((b / size) @ (vectors[:, good] / np.sqrt(values[good]))) ** 2, axis=1), int(np.sum(good))
 
 

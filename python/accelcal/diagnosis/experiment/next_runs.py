@@ -33,7 +33,7 @@ from accelcal.diagnosis.experiment.design import (
     build,
     limits_of_stage,
 )
-from accelcal.diagnosis.experiment.detectability import drawn_scores, normalised
+from accelcal.diagnosis.experiment.detectability import drawn_scores
 from accelcal.diagnosis.experiment.power_analysis import planned_state
 from accelcal.diagnosis.faults import usable
 from accelcal.diagnosis.findings import Confounded
@@ -42,7 +42,7 @@ from accelcal.diagnosis.runs import ANGLE_STD, DWELL, DWELLS, MOTIONS, repeated,
 from accelcal.diagnosis.search.beam import BlockScatter, block_length
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scale_of
+from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scaled_gram
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
@@ -359,9 +359,10 @@ class Beliefs:
         bases, means = [], []
         for i in best.values():
             A, size = evidence.G[evidence.columns[i], evidence.columns[i]], evidence.gain(i)[2]
-            values, vectors = np.linalg.eigh(normalised(A))
+            scaled, root = scaled_gram(A)
+            values, vectors = np.linalg.eigh(scaled)
             good, random = values > DEGENERATE_MIX, offered[i].effect.port == "process"
-            free = vectors[:, good] / np.sqrt(values[good]) / scale_of(np.diag(A))[:, None]
+            free = vectors[:, good] / np.sqrt(values[good]) / root[:, None]
             bases.append(float(size[0]) * np.eye(len(A)) if random else free)
             means.append((0.0 if random else 1.0) * (bases[-1].T @ evidence.c[evidence.columns[i]]))
         ends = np.cumsum([0, *map(len, means)])

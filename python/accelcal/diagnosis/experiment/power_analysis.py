@@ -32,7 +32,7 @@ from accelcal.diagnosis.search.beam import SearchRules, entry_gains
 from accelcal.diagnosis.search.confounding import TIED_CORRELATION, contribution_correlation, largest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import detectable_sizes
-from accelcal.diagnosis.search.scores import CandidateScores, scale_of, variance_gain
+from accelcal.diagnosis.search.scores import CandidateScores, scaled_gram, variance_gain
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.estimate import Fit, require_motion, solve_runs
@@ -213,9 +213,8 @@ def rivals(evidence: CandidateScores, i: int, best_index: Mapping[str, int]) -> 
 
 def most_visible_direction(evidence: CandidateScores, i: int) -> Array:
     """The mixture of a hypothesis's columns with the largest information."""
-    A = evidence.G[evidence.columns[i], evidence.columns[i]]
-    size = scale_of(np.diag(A))
-    return np.asarray(np.linalg.eigh(A / np.outer(size, size))[1][:, -1] / size)
+    scaled, size = scaled_gram(evidence.G[evidence.columns[i], evidence.columns[i]])
+    return np.asarray(np.linalg.eigh(scaled)[1][:, -1] / size)
 
 
 def confounded_groups(

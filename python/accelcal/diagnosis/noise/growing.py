@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Places
+from accelcal.data.arrays import stretch_about
 from accelcal.diagnosis.noise.residuals import BlockSpectra, Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
 from accelcal.effects import Effect
@@ -184,11 +185,8 @@ def shared_bins() -> float:
 
 def band_of(z: Array) -> slice:
     """Frequencies about the most significant one, as far as they and their neighbours are significant."""
-    low = high = int(np.argmax(z))
-    while low > 0 and z[low - 1] > IN_BAND:
-        low -= 1
-    while high < len(z) - 1 and z[high + 1] > IN_BAND:
-        high += 1
+    at = int(np.argmax(z))
+    low, high = stretch_about((z > IN_BAND) | (np.arange(len(z)) == at), at)
     return slice(max(0, low - NEIGHBOURS), high + NEIGHBOURS + 1)
 
 

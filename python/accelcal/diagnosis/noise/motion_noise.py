@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array, in_usual_unit
+from accelcal.data.arrays import stretch_about
 from accelcal.diagnosis.noise.counts import known_jitter
 from accelcal.diagnosis.noise.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise.residuals import TAIL, BlockSpectra, Residuals, is_coarse, power_fit, power_trend_test
@@ -189,12 +190,10 @@ def vibration_bins(power: Array, v4: Array, band: slice) -> slice:
     """Bins about a band, as far as their power follows v⁴, and one more on either side that the window reaches."""
     x = v4 - v4.mean()
     score = x @ (power / power.mean(axis=0)) / math.sqrt(float(x @ x))  # the power of one bin is exponential
-    low, high = band.start, band.stop
-    while low > 0 and score[low - 1] > VIBRATION_BIN_SIGMA:
-        low -= 1
-    while high < len(score) and score[high] > VIBRATION_BIN_SIGMA:
-        high += 1
-    return slice(max(0, low - 1), high + 1)
+    follows = score > VIBRATION_BIN_SIGMA
+    follows[band] = True
+    low, high = stretch_about(follows, band.start)
+    return slice(max(0, low - 1), high + 2)
 
 
 def amplitude_from_power(c: float, variance: float, gain: float) -> tuple[float, float]:

@@ -179,12 +179,9 @@ class Exceedances:
         """Of a channel."""
         score = errors.y / np.maximum(errors.spread, 1e-300)
         peaks = isolated_peaks(np.abs(score), np.flatnonzero(np.abs(score) > LIMIT))
-        disturbed = np.zeros(len(score), dtype=np.bool_)
-        for offset in range(-BESIDE_TAIL, BESIDE_TAIL + 1):
-            disturbed[np.clip(peaks + offset, 0, len(score) - 1)] = True
         outlying = np.zeros(len(score), dtype=np.bool_)
         outlying[peaks] = True
-        exceeding = (outlying | ~disturbed) & ((np.abs(score) <= LIMIT) | outlying)
+        exceeding = (outlying | ~widened(outlying, BESIDE_TAIL)) & ((np.abs(score) <= LIMIT) | outlying)
         return cls(score[exceeding], outlying[exceeding], float(np.median(errors.spread)))
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import POSITION_ORDER, Array, Flags, Places
+from accelcal.data import POSITION_ORDER, Array, Flags, Places, within_spans
 from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.policy import (
     FAST_SCATTER_RATIO,
@@ -565,10 +565,7 @@ class Residuals:
         jumps, begin = self.run.jumps, float(self.t_u[0])
         first = np.floor((jumps.t - jumps.before - begin) / self.step).astype(np.intp)
         last = np.ceil((jumps.t + jumps.after - begin) / self.step).astype(np.intp)
-        edges = np.zeros(self.n + 1)
-        np.add.at(edges, np.clip(first, 0, self.n), 1.0)
-        np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
-        return np.asarray(np.cumsum(edges)[:-1] > 0.0)
+        return within_spans(np.clip(np.column_stack([first, last + 1]), 0, self.n), self.n)
 
     @property
     def holes(self) -> Flags:
@@ -761,10 +758,7 @@ class Residuals:
         peaks = self.reading_outliers.peaks
         if self.reading_outliers.p_value < NOISE_TEST_ALPHA:
             memory = FORGOTTEN_AFTER / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
-            forgotten = np.zeros(len(y) + 1)
-            np.add.at(forgotten, peaks, 1.0)
-            np.add.at(forgotten, np.minimum(peaks + int(memory) + 1, len(y)), -1.0)
-            y = np.where(np.cumsum(forgotten)[:-1] > 0.0, 0.0, y)
+            y[within_spans(np.column_stack([peaks, peaks + int(memory) + 1]), len(y))] = 0.0
         return y
 
     def lowpass_gain(self, frequency: float) -> float:

@@ -28,7 +28,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scale_of
+from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scaled_gram
 from accelcal.effects import SizePrior
 from accelcal.estimation.run_state import RunState
 
@@ -304,9 +304,8 @@ class BlockScatter:
 
     def __init__(self, evidence: CandidateScores, length: float) -> None:
         self.evidence = evidence
-        size = scale_of(np.diag(evidence.G))
-        scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        every = self.every = np.linalg.solve(scaled, evidence.c / size) / size
+        scaled, size = scaled_gram(evidence.G)
+        every = self.every = np.linalg.solve(scaled + 1e-9 * np.eye(len(size)), evidence.c / size) / size
         parts = [block_sums(np.concatenate([X * (y - every @ X), X**2]), t, length) for t, y, X in evidence.rows()]
         _, block = np.unique(np.concatenate([blocks for blocks, _ in parts]), return_inverse=True)
         sums = np.zeros((2 * len(evidence.G), int(block[-1]) + 1))

@@ -33,12 +33,17 @@ def scale_of(power: Array) -> Array:
     return np.sqrt(np.where(power > 0.0, power, 1.0))
 
 
+def scaled_gram(G: Array) -> tuple[Array, Array]:
+    """A Gram matrix scaled to a diagonal of ones, and the roots of its own; 1 for a column of which nothing is left."""
+    size = scale_of(np.diag(G))
+    return np.asarray(G / np.outer(size, size)), size
+
+
 def project_out(G: Array, c: Array, columns: NDArray[np.intp], prior_std: float = math.inf) -> tuple[Array, Array]:
     """Gram matrix and scores with some columns projected out; their coefficients have mean zero and `prior_std`."""
-    A = G[np.ix_(columns, columns)] + np.eye(len(columns)) / prior_std**2
-    size = scale_of(np.diag(A))
-    A = A / np.outer(size, size) + 1e-9 * np.eye(len(columns))
-    left = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), G[columns] / size[:, None]) / size[:, None]
+    A, size = scaled_gram(G[np.ix_(columns, columns)] + np.eye(len(columns)) / prior_std**2)
+    factor = scipy.linalg.cho_factor(A + 1e-9 * np.eye(len(columns)))
+    left = scipy.linalg.cho_solve(factor, G[columns] / size[:, None]) / size[:, None]
     return G - G[:, columns] @ left, c - left.T @ c[columns]
 
 
@@ -402,9 +407,8 @@ class CandidateScores:
         left = (run.y - run.wy @ run.B)[moving]
         if slow_noise(left, run.rate, crossover) is None:
             return None
-        size = scale_of(np.diag(self.G))
-        scaled = self.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        values, vectors = np.linalg.eigh(scaled)
+        scaled, size = scaled_gram(self.G)
+        values, vectors = np.linalg.eigh(scaled + 1e-9 * np.eye(len(size)))
         good = values > DEGENERATE_MIX
         basis = vectors[:, good] / np.sqrt(values[good]) / size[:, None]
         every = basis @ (basis.T @ self.c)
