@@ -143,9 +143,7 @@ class RelationColumns:
         run = self.run
         before = 20 * len(z)
         reading = np.concatenate([np.zeros(before), z.astype(np.float64)])
-        zero = np.zeros_like(reading)
-        begins = zero > 0.0
-        begins[0] = True
+        zero, begins = np.zeros_like(reading), np.arange(len(reading)) == 0
         t: Array = np.arange(len(reading), dtype=np.float64) * run.reading_step
         return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins, zero), self.noise(band)).series("e")[
             before + len(z) // 2 :

@@ -146,7 +146,7 @@ class ChannelFilters:
     def _passed(self, accel: Channel, gain: Response, left_out: float) -> Channel:
         step = 1.0 / self.rate
         begins = np.flatnonzero(np.diff(accel.t) > HOLE * step) + 1
-        times, values = [], []
+        times, values = [np.empty(0)], [np.empty(0)]
         for rows in np.split(np.arange(len(accel.t)), begins):
             t, y = accel.t[rows], accel.y[rows]
             if len(t) < 4 or t[-1] - t[0] <= 2.0 * left_out:
@@ -156,8 +156,6 @@ class ChannelFilters:
             inner = slice(*np.searchsorted(t, [t[0] + left_out, np.nextafter(t[-1] - left_out, np.inf)]))
             times.append(t[inner])
             values.append(y[inner])
-        if not times:
-            return Channel(accel.name, np.empty(0), np.empty(0), accel.unit)
         return Channel(accel.name, np.concatenate(times), np.concatenate(values), accel.unit)
 
     def behind(self, y: Array, step: float) -> Array:

@@ -165,6 +165,12 @@ def require_output(run: PreparedRun, values: Values) -> None:
         )
 
 
+def after_readings(track: _core.ReplayTrack) -> tuple[Array, Array, Array]:
+    """Innovations, and position (m) and velocity (m/s) of a filter after each reading, (n,) each."""
+    e = track.series("e")
+    return e, track.series("p") + track.series("gain_p") * e, track.series("v") + track.series("gain_v") * e
+
+
 def run_filter(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:
     """Track of the two-state filter over the readings."""
     return _core.ReplayTrack(*integrals.arrays, q=noise.q, r=noise.r, prior=run.prior(noise.r))

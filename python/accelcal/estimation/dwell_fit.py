@@ -197,7 +197,7 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
     squares, freedom = remainder(declared)
     ratio = math.sqrt(remainder(white)[0] / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
-    remarks = []
+    text = ""
     if ratio > REMARKED_BEYOND:
         left = f"{math.sqrt(float(rows.left @ rows.left) / max(freedom, 1)):.2g} m/s²"
         causes = "instability of the bias, angles, temperature, or a term that the model lacks"
@@ -208,13 +208,12 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
             else f"{math.sqrt(rows.scatter):.2g} m/s² more than is declared, taken into the uncertainty: {causes}"
         )
         text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {reason}"
-        remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
     elif freedom > 0 and scipy.special.chdtr(freedom, freedom * ratio**2) < LEAST_SCATTER_ALPHA:
         text = (
             f"the dwells scatter {ratio:.2g} times as much as noise within them explains: is std that of the samples, "
             "in the unit of the mean or its own, as in std_mV? Effects are judged against it"
         )
-        remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
+    note = remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value)
     return DwellFit(
         name=dwells.name,
         digest=dwells.digest,
@@ -226,5 +225,5 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
         scatter=math.sqrt(rows.scatter),
         p_value=p_value,
         freedom=freedom,
-        remarks=tuple(remarks),
+        remarks=(note,) if text else (),
     )

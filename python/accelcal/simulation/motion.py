@@ -54,8 +54,17 @@ class Part(Protocol):
         ...
 
 
+class Unlimited:
+    """A term of a motion that lasts forever."""
+
+    __slots__ = ()
+    start = -math.inf
+    stop = math.inf
+    final = 0.0
+
+
 @dataclass(frozen=True, slots=True)
-class Tones:
+class Tones(Unlimited):
     """A sum of sines: p = sum_i A_i sin(w_i t + phi_i), forever."""
 
     amplitude: Array
@@ -64,10 +73,6 @@ class Tones:
     """(m,) Hz."""
     phase: Array
     """(m,) rad."""
-
-    start = -math.inf
-    stop = math.inf
-    final = 0.0
 
     def derivatives(self, t: Array) -> Array:
         out = np.zeros((4, len(t)))
@@ -94,11 +99,8 @@ def derivatives_of(z: Numbers, g: Numbers, g1: Numbers, g2: Numbers) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Chirp:
-    """A sine of constant acceleration amplitude whose frequency rises at a steady rate.
-
-    p = -A sin(phi)/w², phi' = w = 2 pi (f0 + (f1 - f0) t/duration).
-    """
+class RisingSine(Unlimited):
+    """A sine of constant acceleration amplitude whose frequency rises."""
 
     amplitude: float
     """A, m/s²; the acceleration reaches it up to terms of order w'/w²."""
@@ -109,9 +111,13 @@ class Chirp:
     duration: float
     """s."""
 
-    start = -math.inf
-    stop = math.inf
-    final = 0.0
+
+@dataclass(frozen=True, slots=True)
+class Chirp(RisingSine):
+    """A sine of constant acceleration amplitude whose frequency rises at a steady rate.
+
+    p = -A sin(phi)/w², phi' = w = 2 pi (f0 + (f1 - f0) t/duration).
+    """
 
     def derivatives(self, t: Array) -> Array:
         rate = 2.0 * math.pi * (self.high - self.low) / self.duration
@@ -126,24 +132,11 @@ class Chirp:
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(RisingSine):
     """A sine of constant acceleration amplitude whose frequency grows by the same factor in equal times.
 
     p = -A sin(phi)/w², phi' = w = 2 pi f0 (f1/f0)^(t/duration).
     """
-
-    amplitude: float
-    """A, m/s²; the acceleration reaches it up to terms of order w'/w²."""
-    low: float
-    """f0 at t = 0, Hz."""
-    high: float
-    """f1 at t = duration, Hz."""
-    duration: float
-    """s."""
-
-    start = -math.inf
-    stop = math.inf
-    final = 0.0
 
     def derivatives(self, t: Array) -> Array:
         growth = math.log(self.high / self.low) / self.duration

@@ -537,9 +537,7 @@ class Simulation:
 
     def _effects(self, window: slice, motion: Motion, columns: list[Array]) -> Array:
         """Effects at given motion, of which those without memory are `columns`, (n, w) m/s²."""
-        sums = np.zeros_like(motion[0])
-        for column in columns:
-            sums += column
+        sums = sum(columns, np.zeros_like(motion[0]))
         if len(self.ahead.lagged_effects):
             sums += self._along(window, self.ahead.lagged_effects)
         if self.ahead.lagging and window.start > 0:

@@ -580,9 +580,7 @@ class Comparison(Result):
         several = self._stretches(k, self.paired_horizon)
         alone = [systematic_change(row[0].resolved, row[k].resolved) for row in self.seen]
         together = systematic_change(self[0].resolved, self[k].resolved)
-        if together is None:  # a recording is too short for it
-            alone = [None for _ in alone]
-        if together is not None and verdict_of(together) == "undecided":
+        if together is None or verdict_of(together) == "undecided":  # a recording may be too short for it
             together, alone = None, [None for _ in alone]
         every = [change_over(self._stretches(k, h)) for h in sorted(self.seen[0][0].drifts)]
         return ModelDifference(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from accelcal._support.errors import AccelcalError
 from accelcal.data import VELOCITY, Array, root_mean_square
 from accelcal.effects import find, is_local
-from accelcal.estimation.drive import run_filter
+from accelcal.estimation.drive import after_readings, run_filter
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.estimation.values import Noise
@@ -223,10 +223,8 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
         if encoder.random_walk:
             z += np.cumsum(np.sqrt(encoder.random_walk * h) * rng.standard_normal(len(h)))
         track = run_filter(ahead.run, replace(d, z=z, first=still, second=still), ahead.noise)
-        e, S = track.series("e"), track.series("S")
-        evidence = np.cumsum(np.where(ahead.counts, ahead.unit_e * e / S, 0.0))
-        p = track.series("p") + track.series("gain_p") * e
-        v = track.series("v") + track.series("gain_v") * e
+        e, p, v = after_readings(track)
+        evidence = np.cumsum(np.where(ahead.counts, ahead.unit_e * e / track.series("S"), 0.0))
         yield _NoisyRecord(ahead, z, p, v, evidence)
 
 

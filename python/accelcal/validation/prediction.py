@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags, Recording, median_step, root_mean_square, within_spans
 from accelcal.effects import begins_rested, find, of_one_record
-from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
+from accelcal.estimation.drive import DriveIntegrals, after_readings, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels, settled_state
 from accelcal.estimation.noise import variance_functions, with_growth
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared, recording_of
@@ -178,9 +178,7 @@ class DrivenRun:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
         run = self.run
         track = run_filter(run, plain, self.noise)
-        e = track.series("e")
-        p = track.series("p") + track.series("gain_p") * e
-        v = track.series("v") + track.series("gain_v") * e
+        _, p, v = after_readings(track)
         count = max(1, int(np.searchsorted(run.t, withheld, side="right")))
         p[count:], v[count:] = p[count - 1], v[count - 1]
         t = uniform_times(run)
@@ -204,10 +202,7 @@ class Prediction(DrivenRun):
     def _filter(self, plain: DriveIntegrals) -> None:
         run, noise, cutoff = self.run, self.noise, self.cutoff
         track = run_filter(run, self.drive, noise)
-        self.e, self.S = track.series("e"), track.series("S")
-        gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
-        self.p = track.series("p") + gain_p * self.e
-        self.v = track.series("v") + gain_v * self.e
+        self.S, (self.e, self.p, self.v) = track.series("S"), after_readings(track)
         variance = noise.r + (self.drive.extra_r if len(self.drive.extra_r) else 0.0)
         self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, variance)
         del track  # free the old track before the next is made; each holds nine arrays
@@ -218,10 +213,8 @@ class Prediction(DrivenRun):
         h = np.diff(d.t, prepend=d.t[0])
         once, twice = np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0)
         unit = replace(d, z=np.zeros_like(d.z), first=once, second=twice)
-        response = run_filter(run, unit, noise)
-        self.unit_e = g = -response.series("e")
-        self.unit_p = response.series("p") - gain_p * g
-        self.unit_v = response.series("v") - gain_v * g
+        e, self.unit_p, self.unit_v = after_readings(run_filter(run, unit, noise))
+        self.unit_e = g = -e
         information = np.where(self.counts, g**2 / self.S, 0.0)
         self.information = np.cumsum(information)
         self.evidence = np.cumsum(np.where(self.counts, g * self.e / self.S, 0.0))

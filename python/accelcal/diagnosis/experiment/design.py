@@ -156,16 +156,11 @@ def _place(k: int, count: int) -> float:
     return PLACES[k % len(PLACES)] if k < count else 0.0
 
 
-def _legs(k: int, count: int) -> tuple[float, ...]:
-    """Legs of group `k` as shares of the stroke: to one end, to the other, to the next place."""
-    here, there, side = _place(k, count), _place(k + 1, count), 0.5 if k % 2 == 0 else -0.5
-    return side - here, -2.0 * side, there + side
-
-
 def _moves(limits: Limits, reach: float, k: int, count: int) -> tuple[list[Move], float]:
     """Group `k` of moves from time 0, with rests, and its duration, s."""
     t, moves = 0.0, list[Move]()
-    for leg in _legs(k, count):
+    here, there, side = _place(k, count), _place(k + 1, count), 0.5 if k % 2 == 0 else -0.5
+    for leg in (side - here, -2.0 * side, there + side):  # to one end, to the other, to the next place
         distance = leg * reach * limits.stroke
         duration = limits.duration(distance)
         moves.append(Move(t, duration, distance))

@@ -49,8 +49,7 @@ def rounding_gain(residuals: Residuals, noise: float) -> float:
     keep = math.exp(-residuals.step / residuals.tau) if residuals.tau > 0.0 else 0.0
     turn = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     floor = noise**2 * (1.0 - keep**2) / (1.0 + keep**2 - 2.0 * keep * turn)
-    r = residuals.lsb**2 / 12.0 / floor
-    return len(residuals.u) * float(np.mean(r - np.log1p(r)))
+    return gain_of_noise(residuals.lsb**2 / 12.0 / floor, len(residuals.u))
 
 
 def has_whole_bits(residuals: Residuals) -> bool:
@@ -97,7 +96,7 @@ def rounded_stamps(residuals: Residuals) -> NoiseTest:
     p_value, step, texts = 1.0, 0.0, []
     for finding in findings_of(residuals, ROUNDED):
         slope, count = of_channel[finding.channel]
-        p = float(scipy.special.chdtrc(1.0, gain_of_noise(rounding_std(finding.size) * slope, count)))
+        p = float(scipy.special.chdtrc(1.0, gain_of_noise((rounding_std(finding.size) * slope) ** 2, count)))
         p_value = min(p_value, p)
         if p < NOISE_TEST_ALPHA:
             step = max(step, finding.size)
@@ -111,10 +110,9 @@ def rounded_stamps(residuals: Residuals) -> NoiseTest:
 
 
 def gain_of_noise(ratio: Array, count: int) -> float:
-    """Twice the log-likelihood that noise gains whose standard deviation is `ratio` times the known one, at times
-    spread over `count` samples."""
-    r = ratio**2
-    return count * float(np.mean(r - np.log1p(r)))
+    """Twice the log-likelihood that noise gains whose variance is `ratio` times the known one, at times or frequencies
+    that stand for `count` samples."""
+    return count * float(np.mean(ratio - np.log1p(ratio)))
 
 
 def held_samples(residuals: Residuals) -> NoiseTest:

@@ -177,10 +177,8 @@ def is_white(effect: Effect) -> bool:
     return effect.owner == "timing"
 
 
-def shared_bins() -> float:
-    """Variance of a mean over neighbouring frequencies over that of as many independent ones."""
-    spectrum = np.abs(np.fft.fft(BLOCK**2)) / float(np.sum(BLOCK**2))
-    return float(np.sum(spectrum**2))
+SHARED_BINS = float(np.sum((np.abs(np.fft.fft(BLOCK**2)) / float(np.sum(BLOCK**2))) ** 2))
+"""Variance of a mean over neighbouring frequencies over that of as many independent ones."""
 
 
 def band_of(z: Array) -> slice:
@@ -214,7 +212,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
             weights = np.zeros(len(at))
             weights[band] = 2.0 / len(BLOCK) / gain[band] ** 2
         value = float(weights @ at)
-        std = math.sqrt(shared_bins() * float(weights**2 @ spread**2))
+        std = math.sqrt(SHARED_BINS * float(weights**2 @ spread**2))
         others = [e for e in effects if e is not effect]
         without, _ = grown_spectrum(blocks, others)
         p = float(scipy.special.ndtr(-value / std)) if std > 0.0 else 1.0

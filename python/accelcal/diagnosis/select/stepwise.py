@@ -467,13 +467,11 @@ class StepwiseSelection:
 
     def without(self, name: str) -> JudgedModel | None:
         """The judged fit without an effect that entered before others; None where that fit asks for it again."""
-        if not self.budget.allows_another():
-            return None
-        try:
-            judged = self.judge(self.refit(self.current.model.drop(name)))
-        except ValueError:
-            return None
-        return None if any(name in finding.members for finding in judged.verdict.scan.found) else judged
+        with suppress(ValueError):
+            if self.budget.allows_another():
+                judged = self.judge(self.refit(self.current.model.drop(name)))
+                return None if any(name in finding.members for finding in judged.verdict.scan.found) else judged
+        return None
 
     def may_be_redundant(self, name: str) -> bool:
         """Whether later effects may explain what an effect did: any curve may be, a named effect if it is no longer
