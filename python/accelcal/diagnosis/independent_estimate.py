@@ -102,13 +102,16 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
     least = np.sqrt(np.maximum(lost, ENGINES_LEAST_STD**2 * stated))
     first = ENGINES[solution.states[0].run.engine]
 
-    def by_engine(value: float, move: float) -> dict[str, float]:
-        return {first.name: float(value), first.second: float(value + move)}
-
     sigma = as_normal(moved, scatter, blocks, least)
     std = np.maximum(scatter, least)
     return tuple(
-        Difference(term.name, run, **by_engine(x[i], moved[i]), std=float(std[i]), sigma=float(sigma[i]))
+        Difference(
+            term.name,
+            run,
+            **{first.name: float(x[i]), first.second: float(x[i] + moved[i])},
+            std=float(std[i]),
+            sigma=float(sigma[i]),
+        )
         for i, (term, run) in enumerate((term, layout.whose(runs)[0]) for term, runs in layout.slots)
         if math.isfinite(moved[i]) and blocks[i] >= LEAST_BLOCKS
     )

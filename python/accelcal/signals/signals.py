@@ -156,16 +156,13 @@ class Signals:
     @property
     def step(self) -> float:
         """Spacing of the times, s."""
-        if self.whole is not None:
-            return self.whole.step
-        return float(self.t[-1] - self.t[0]) / max(1, len(self.t) - 1)
+        return self.length / max(1, len((self.whole or self).t) - 1)
 
     @property
     def length(self) -> float:
         """Time from the first sample to the last, s."""
-        if self.whole is not None:
-            return self.whole.length
-        return float(self.t[-1] - self.t[0])
+        t = (self.whole or self).t
+        return float(t[-1] - t[0])
 
     @property
     def rest(self) -> float:

@@ -160,15 +160,22 @@ def jumps(t: Array, u: Array, step: float, tau: float, scores: tuple[Array, Arra
     if len(u) < 4 * HALF_WINDOW:
         return NO_JUMPS
     score, spread = scores or prediction_scores(t, u)
-    return examined(t, u, spread, local_maxima(score, ISOLATED, EVENT_SIGMA), step, tau)
+    return jumps_at(t, u, spread, local_maxima(score, ISOLATED, EVENT_SIGMA), step, tau)
 
 
 def jumps_at(t: Array, u: Array, spread: Array, places: Places, step: float, tau: float) -> Jumps:
     """Those of some samples that a jump explains; `spread` (n,) is the noise of each sample, of `prediction_scores`,
     the other parameters are as of `jumps`."""
-    if len(u) < 4 * HALF_WINDOW or len(places) == 0:
+    peaks = places[(places >= HALF_WINDOW) & (places < len(u) - HALF_WINDOW) & (len(u) >= 4 * HALF_WINDOW)]
+    parts = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
+    if not parts:
         return NO_JUMPS
-    return examined(t, u, spread, places, step, tau)
+    row = np.concatenate(parts)
+    row = row[np.argsort(row["t"], kind="stable")]
+    row = row[np.diff(row["t"], prepend=-np.inf) > APART * step]  # two windows may hold the same jump
+    after = ISOLATED * step + np.maximum(row["tau"], tau) * np.log1p(row["ratio"])
+    before = np.full_like(after, 0.5 * ISOLATED * step)
+    return Jumps(row["t"], row["size"], row["of_jerk"], row["tau"], row["certain"], before, after)
 
 
 def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:
@@ -183,20 +190,6 @@ def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:
     apart = t[reach:] - t[:-reach]
     score[ISOLATED:-ISOLATED][apart > 2.0 * reach * np.quantile(np.diff(t), USUAL, overwrite_input=True)] = 0.0
     return score, spread
-
-
-def examined(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float) -> Jumps:
-    """The jumps among some samples that stand out; `spread` (n,) is the noise of each sample, m/s²."""
-    peaks = peaks[(peaks >= HALF_WINDOW) & (peaks < len(u) - HALF_WINDOW)]
-    parts = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
-    if not parts:
-        return NO_JUMPS
-    row = np.concatenate(parts)
-    row = row[np.argsort(row["t"], kind="stable")]
-    row = row[np.diff(row["t"], prepend=-np.inf) > APART * step]  # two windows may hold the same jump
-    after = ISOLATED * step + np.maximum(row["tau"], tau) * np.log1p(row["ratio"])
-    before = np.full_like(after, 0.5 * ISOLATED * step)
-    return Jumps(row["t"], row["size"], row["of_jerk"], row["tau"], row["certain"], before, after)
 
 
 def local_maxima(score: Array, reach: int, least: float) -> Places:
@@ -246,7 +239,7 @@ class Windows:
 
     @classmethod
     def about(cls, t: Array, u: Array, spread: Array, peaks: Places, step: float) -> Windows:
-        """Windows in the middle of which `peaks` lie; the others as in `examined`."""
+        """Windows in the middle of which `peaks` lie; the others as in `jumps_at`."""
         rows = peaks[:, None] + np.arange(-HALF_WINDOW, HALF_WINDOW + 1)
         x = (t[rows] - t[peaks][:, None]) / step
         baseline, _ = np.linalg.qr(x[:, :, None] ** np.arange(BASELINE))

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags, median_step, root_mean_square
+from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags, median_step, root_mean_square, within_spans
 from accelcal.estimation.columns import evaluated
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.engines import ENGINES, sums_of
@@ -357,13 +357,10 @@ def residual_of(ahead: DrivenRun, band: float) -> tuple[Array, Array, Flags]:
     residual = second_derivative(missed, step)
     residual *= -ahead.values.scale * run.rig.polarity
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * (1.0 / step))
-    inside = np.zeros(len(t), dtype=np.bool_)
-    inside[edge : len(t) - edge] = True
-    inside &= t >= ahead.since
-    for hole in np.flatnonzero((np.diff(run.t) > MOST_STEPS * step) | ahead.drive.restart[1:]):
-        near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
-        inside[near] = False
-    return t, residual, inside
+    holes = np.flatnonzero((np.diff(run.t) > MOST_STEPS * step) | ahead.drive.restart[1:])
+    beside = np.column_stack([run.t[holes] - 1.0 / band, run.t[holes + 1] + 1.0 / band])
+    spoiled = within_spans([(0, edge), (len(t) - edge, len(t)), *np.searchsorted(t, beside)], len(t))
+    return t, residual, ~spoiled & (t >= ahead.since)
 
 
 def motion_at(ahead: DrivenRun, t: Array, band: float) -> Signals:

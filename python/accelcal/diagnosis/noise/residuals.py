@@ -661,9 +661,7 @@ class Residuals:
     @property
     def lost(self) -> Places:
         """Indices of uniform times without a sample."""
-        missing = np.ones(self.n, dtype=np.bool_)
-        missing[self.place] = False
-        return np.flatnonzero(missing)
+        return np.delete(np.arange(self.n), self.place)
 
     @cached_property
     def spectra(self) -> BlockSpectra:

@@ -137,22 +137,22 @@ class PartScores:
         columns = np.concatenate([np.arange(e.columns[k].start, e.columns[k].stop) for k in (i, *given)])
         estimate = np.zeros(len(e.G))
         estimate[columns] = score_gain(e.G[np.ix_(columns, columns)], e.c[columns])[2]
-        score, information = compared(self.G, self.c, estimate, direction_of(e, i, given))
-        scatter = inflation * self.levels_of_parts
-        return PartSizes.of(score / scatter, information / scatter)
+        return compared(self.G, self.c, estimate, direction_of(e, i, given), inflation * self.levels_of_parts)
 
     def sizes_by_frequency(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
         """Sizes in bands of frequency, by what all finalists leave: errors of the motion and filters that nobody
         declared have no one size."""
         direction = direction_of(self.evidence, i, given)
-        score, information = compared(self.G_by_band, self.c_by_band, self.every, direction)
-        scatter = inflation * self.levels
-        return PartSizes.of(score / scatter, information / scatter, OF_FREQUENCY)
+        return compared(self.G_by_band, self.c_by_band, self.every, direction, inflation * self.levels, OF_FREQUENCY)
 
 
-def compared(G: Array, c: Array, estimate: Array, direction: Array) -> tuple[Array, Array]:
-    """Score and information of one combination of columns in each part, of what an estimate leaves; (parts,) each."""
-    return (c - G @ estimate) @ direction, np.einsum("i,kij,j->k", direction, G, direction)
+def compared(
+    G: Array, c: Array, estimate: Array, direction: Array, scatter: Array, of_what: str = "parts"
+) -> PartSizes:
+    """Sizes of one combination of columns in each part, of what an estimate leaves, whose variance is `scatter` times
+    that of the model, (parts,)."""
+    score, information = (c - G @ estimate) @ direction, np.einsum("i,kij,j->k", direction, G, direction)
+    return PartSizes.of(score / scatter, information / scatter, of_what)
 
 
 def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Array:

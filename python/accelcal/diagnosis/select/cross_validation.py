@@ -27,6 +27,7 @@ from accelcal.diagnosis.policy import (
     VALIDATION_SIGMA,
     VALIDATION_SPREAD,
 )
+from accelcal.diagnosis.search.scores import scaled_gram
 from accelcal.effects import Effect, find, of_one_record
 from accelcal.estimation.columns import evaluated
 from accelcal.estimation.gauss_newton import Solution
@@ -191,9 +192,8 @@ def left_out(
         rest = total - block[np.ix_(wide, wide)]
         information = rest[:-1, :-1] + np.diag(belief[block_columns])
         score = rest[:-1, -1] + belief[block_columns] * mean[block_columns]
-        size = np.sqrt(np.diag(information))
-        size[size == 0.0] = 1.0
-        values, vectors = np.linalg.eigh(information / np.outer(size, size))
+        scaled, size = scaled_gram(information)
+        values, vectors = np.linalg.eigh(scaled)
         certain = values > VANISHING * values[-1]
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=certain)
         x = np.append(-(vectors * inverse) @ (vectors.T @ (score / size)) / size, 1.0)

@@ -205,9 +205,7 @@ def from_neighbours(number: NDArray[np.intp], count: int) -> Sparse:
 
     A lost one is that of the polynomial through as many samples on either side.
     """
-    there = np.zeros(count, dtype=np.bool_)
-    there[number] = True
-    lost = np.flatnonzero(~there)
+    lost = np.delete(np.arange(count), number)
     width = min(2 * NEIGHBOURS, len(number))
     first = np.clip(np.searchsorted(number, lost) - width // 2, 0, len(number) - width)
     columns = first[:, None] + np.arange(width)
