@@ -60,6 +60,10 @@ def test_nine_in_ten_effects_run_everywhere_and_the_rest_has_a_reason() -> None:
         assert all(answer.reason for answer in rest.values())
 
 
+def test_what_a_memory_holds_at_first_is_left_to_the_record_in_code() -> None:
+    assert [running(find(name), "export").how for name in ("creep", "ac_coupling")] == ["runs", "runs"]
+
+
 def test_the_page_says_what_becomes_of_each_effect() -> None:
     page = (DOCS / "live.md").read_text(encoding="utf-8")
     assert with_printed("live.md", page) == page, "run make pages"
