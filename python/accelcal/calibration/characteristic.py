@@ -137,29 +137,21 @@ def clip_level(effect: Effect, fit: Fit) -> float | None:
 
 
 def _left_out(effect: Effect) -> LeftOut:
-    if effect.port == "noise":
-        return LeftOut(effect.name, effect.owner, "is noise without a mean", False)
-    if effect.owner != "sensor":
-        return LeftOut(effect.name, effect.owner, f"belongs to {OWNERS[effect.owner]}, not to the sensor", False)
-    if effect.port == "process":
-        return LeftOut(effect.name, effect.owner, "is a random process with mean zero", False)
     equation = effect.line("Equation").split(". ")[0].rstrip(".")
     stated = f" ({equation})" if equation else ""
-    if effect.traits.memory:
-        return LeftOut(effect.name, effect.owner, f"depends on earlier readings{stated}", True)
-    if effect.traits.no_inverse:
-        return LeftOut(effect.name, effect.owner, f"{effect.traits.no_inverse}{stated}", True)
     foreign = [name for name in effect.needs if name != "temperature"]
-    if foreign:
-        return LeftOut(effect.name, effect.owner, f"depends on the channel {' and '.join(foreign)}{stated}", True)
-    if effect not in BUILT_IN:
-        return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
-    return LeftOut(
-        effect.name,
-        effect.owner,
-        f"is no polynomial of acceleration and temperature at the same instant{stated}",
-        True,
+    reasons = (  # the first that holds; why, whether it is needed
+        (effect.port == "noise", "is noise without a mean", False),
+        (effect.owner != "sensor", f"belongs to {OWNERS.get(effect.owner)}, not to the sensor", False),
+        (effect.port == "process", "is a random process with mean zero", False),
+        (effect.traits.memory, f"depends on earlier readings{stated}", True),
+        (bool(effect.traits.no_inverse), f"{effect.traits.no_inverse}{stated}", True),
+        (bool(foreign), f"depends on the channel {' and '.join(foreign)}{stated}", True),
+        (effect not in BUILT_IN, "is an effect of your own, whose inverse is not known", True),
+        (True, f"is no polynomial of acceleration and temperature at the same instant{stated}", True),
     )
+    why, needed = next((why, needed) for holds, why, needed in reasons if holds)
+    return LeftOut(effect.name, effect.owner, why, needed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,18 +206,15 @@ def card(effect: Effect) -> str:
         shapes = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
         if shapes:
             lines.append(f"- {label}: {', '.join(shapes)}.")
-    if effect.width > 1:
-        lines.append(f"- Columns: {', '.join(effect.parts)}.")
-    if effect.needs:
-        lines.append(f"- Needs the side channel {' and '.join(effect.needs)}.")
-    if effect.search.includes:
-        lines.append(f"- Includes: {', '.join(effect.search.includes)}.")
-    if effect.traits.positive:
-        lines.append("- Only a positive coefficient is physical.")
-    if effect.seen_by_sets:
-        lines.append("- No motion of a level, untouched rig can show it.")
-    elif not effect.traits.visible:
-        lines.append("- A diagnosis does not search for it.")
+    further = (
+        (effect.width > 1, f"Columns: {', '.join(effect.parts)}"),
+        (effect.needs, f"Needs the side channel {' and '.join(effect.needs)}"),
+        (effect.search.includes, f"Includes: {', '.join(effect.search.includes)}"),
+        (effect.traits.positive, "Only a positive coefficient is physical"),
+        (effect.seen_by_sets, "No motion of a level, untouched rig can show it"),
+        (not effect.traits.visible and not effect.seen_by_sets, "A diagnosis does not search for it"),
+    )
+    lines += [f"- {text}." for holds, text in further if holds]
     return "\n".join(lines) + "\n"
 
 

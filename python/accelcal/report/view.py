@@ -256,12 +256,12 @@ def not_tested(content: Content) -> Iterator[str]:
         for channel in effect.needs
         if effect.owner == "sensor" and channel not in content.recording.side
     ]
-    if missing:
-        yield f"Not tested, because not recorded: effects of {', '.join(dict.fromkeys(missing))}."
-    if not content.unseen:
-        yield "Not tested on data that the fit has not used."
-    if not content.fit.spreads:
-        yield "The uncertainties do not include differences between mountings and between days."
+    lacking = (
+        (missing, f"Not tested, because not recorded: effects of {', '.join(dict.fromkeys(missing))}."),
+        (not content.unseen, "Not tested on data that the fit has not used."),
+        (not content.fit.spreads, "The uncertainties do not include differences between mountings and between days."),
+    )
+    yield from (sentence for holds, sentence in lacking if holds)
 
 
 METHOD = (

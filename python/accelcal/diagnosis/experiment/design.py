@@ -354,16 +354,15 @@ def require_plannable(names: Sequence[str]) -> None:
         raise AccelcalError("name at least one effect that the motion should show")
     for name in names:
         effect = find(name)
-        if name in Model.linear().effects:
-            raise AccelcalError(f"{name!r} is in every model; name an effect beyond the base")
-        if not effect.traits.visible:
-            raise AccelcalError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
-        if effect.needs:
-            raise AccelcalError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")
-        if effect.port == "noise":
-            raise AccelcalError(
-                f"{name!r} acts on the noise and is tested on a channel of its own, without a prediction"
-            )
+        reasons = (
+            (name in Model.linear().effects, "is in every model; name an effect beyond the base"),
+            (not effect.traits.visible, f"cannot be shown by any motion of this rig: {effect.experiment}"),
+            (effect.needs, f"depends on {' and '.join(effect.needs)}, which no motion can plan"),
+            (effect.port == "noise", "acts on the noise and is tested on a channel of its own, without a prediction"),
+        )
+        for holds, why in reasons:
+            if holds:
+                raise AccelcalError(f"{name!r} {why}")
 
 
 @dataclass(frozen=True, slots=True)
