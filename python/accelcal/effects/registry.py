@@ -65,9 +65,6 @@ class Catalogue(MutableMapping[str, Entry]):
     def __len__(self) -> int:
         return len(self._entries)
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._entries
-
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self)})"
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
+from scipy import special
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
@@ -584,11 +585,9 @@ class MeanTest:
 
     def bound(self, alpha: float, off: float) -> float:
         """What the distance exceeds with probability `alpha` where the variance is `off` times the expected one."""
-        from scipy.special import chdtri
-
         if self.freedom == 0:
             return math.inf
-        return math.sqrt(off * float(chdtri(self.freedom, alpha))) + (off - 1.0) * self.noise_distance
+        return math.sqrt(off * float(special.chdtri(self.freedom, alpha))) + (off - 1.0) * self.noise_distance
 
 
 class BlockTests:
@@ -618,14 +617,12 @@ class BlockTests:
     def p(self) -> float:
         """Probability of a statistic as far off as the farthest while the model holds: of all four, or without the
         largest where it is that of a rounding error, which has an end."""
-        from scipy.special import chdtrc, erfc, gammainc, gammaincc
-
+        mean = [float(special.chdtrc(self.mean.freedom, self.mean.distance**2))] if self.mean.freedom else []
         if self.n == 0:
-            return float(chdtrc(self.mean.freedom, self.mean.distance**2)) if self.mean.freedom else 1.0
-        noise = 2.0 * min(float(gammainc(*self._gamma)), float(gammaincc(*self._gamma)))
-        white = float(erfc(abs(self.correlation) * math.sqrt(self.n / 2.0)))
-        mean = [float(chdtrc(self.mean.freedom, self.mean.distance**2))] if self.mean.freedom else []
-        single = float(erfc(abs(self.largest) / math.sqrt(2.0)))
+            return mean[0] if mean else 1.0
+        noise = 2.0 * min(float(special.gammainc(*self._gamma)), float(special.gammaincc(*self._gamma)))
+        white = float(special.erfc(abs(self.correlation) * math.sqrt(self.n / 2.0)))
+        single = float(special.erfc(abs(self.largest) / math.sqrt(2.0)))
         largest = [] if self.rounding > 0.0 else [-math.expm1(self.n * math.log1p(-single)) if single < 1.0 else 1.0]
         every = np.minimum([noise, white, *mean, *largest], 1.0)
         return float(1.0 - (1.0 - np.min(every)) ** len(every))
@@ -638,12 +635,10 @@ class BlockTests:
 
     def noise_bounds(self, alpha: float) -> tuple[float, float]:
         """Where the mean square lies but for the probability `alpha`."""
-        from scipy.special import gammainccinv, gammaincinv
-
-        shape = self._gamma[0]
         if self.n == 0:
             return 0.0, math.inf
-        return float(gammaincinv(shape, alpha / 2.0)) / shape, float(gammainccinv(shape, alpha / 2.0)) / shape
+        shape, half = self._gamma[0], alpha / 2.0
+        return float(special.gammaincinv(shape, half)) / shape, float(special.gammainccinv(shape, half)) / shape
 
     def first_beyond(self, bound: float) -> int:
         """Readings before the first that is as large."""
@@ -668,16 +663,12 @@ def _distance(slopes: Array, informations: Array) -> tuple[float, int, float]:
 
 def chi_square_bounds(n: int, alpha: float) -> tuple[float, float]:
     """Where the mean of n squared standard normal numbers lies but for the probability `alpha`, half on each side."""
-    from scipy.special import chdtri
-
-    return float(chdtri(n, 1.0 - alpha / 2.0)) / n, float(chdtri(n, alpha / 2.0)) / n
+    return float(special.chdtri(n, 1.0 - alpha / 2.0)) / n, float(special.chdtri(n, alpha / 2.0)) / n
 
 
 def normal_bound(alpha: float) -> float:
     """What the size of a standard normal number exceeds with probability `alpha`."""
-    from scipy.special import ndtri
-
-    return -float(ndtri(alpha / 2.0))
+    return -float(special.ndtri(alpha / 2.0))
 
 
 MOST_SAID = 1e3

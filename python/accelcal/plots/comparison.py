@@ -324,10 +324,9 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
             histogram,
             autocorrelation,
         )
-        for define in of_evaluation:
-            yield define.__name__, matplotlib.draw(define(evaluation), theme)
-        for name, figure in (("parameters", parameters(fit)), ("nonlinearity", nonlinearity(fit))):
-            yield name, matplotlib.draw(figure, theme)
+        drawn = [(define, define(evaluation)) for define in of_evaluation]
+        for define, figure in (*drawn, (parameters, parameters(fit)), (nonlinearity, nonlinearity(fit))):
+            yield define.__name__, matplotlib.draw(figure, theme)
 
     alone = len(comparison) == len(comparison.seen) == 1
     drawn = of_single(comparison.fits[0], comparison[0]) if alone else of_several()

@@ -1,7 +1,6 @@
 """Figures of `accelcal.plots` for a notebook, as Figures of plotly; each takes `theme`, "light" or "dark"."""
 
-from accelcal.plots import comparison, diagnosis, model, residuals, response
-from accelcal.plots import timeline as over_time
+from accelcal.plots import comparison, diagnosis, model, residuals, response, timeline as over_time
 from accelcal.plots.plotly import moving
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -32,16 +32,16 @@ LOOPS = 0.998
 """Below this share the points are joined in order of time, which shows a loop."""
 PERIODS = 3.0
 """Of what is periodic."""
-VARIABLES = {
-    "velocity": "m/s",
-    "acceleration": "m/s²",
-    "position": "m",
-    "jerk": "m/s³",
-    "temperature": "K",
-    "a_y": "m/s²",
-    "a_z": "m/s²",
+VARIABLES: Mapping[str, tuple[str, Callable[[Signals], Array]]] = {
+    "velocity": ("m/s", lambda s: s.v),
+    "acceleration": ("m/s²", lambda s: s.a),
+    "position": ("m", lambda s: s.p),
+    "jerk": ("m/s³", lambda s: s.jerk),
+    "temperature": ("K", lambda s: s.temperature),
+    "a_y": ("m/s²", lambda s: s.side["a_y"]),
+    "a_z": ("m/s²", lambda s: s.side["a_z"]),
 }
-"""Variables to draw an effect against, with units; the first that fits is used."""
+"""Variables to draw an effect against, with units and values (n,); the first that fits is used."""
 AXIS_WORDS = {"a_y": "transverse acceleration", "a_z": "acceleration along the pendulous axis"}
 
 
@@ -73,7 +73,7 @@ def signature(effect: Effect) -> Figure:
     panels = [Panel((motion_line, *over_time), time, size, height=HEIGHT)]
     if right is not None:
         variable, x, functions = right
-        scale, x_unit = formatting.prefixed(VARIABLES[variable], x)
+        scale, x_unit = formatting.prefixed(VARIABLES[variable][0], x)
         lines = [
             Line(x * scale, y * factor, name, role) for (role, name), y in zip(drawn, functions.values(), strict=True)
         ]
@@ -145,9 +145,9 @@ def dependence(
     if "period" in shape:
         slow = traverse(PERIODS * shape["period"])
         return "position", slow.p, contributions(effect, slow, shape)
-    by_name = values(s)
+    by_name = {name: of(s) for name, (_, of) in VARIABLES.items()}
     variable = next(
-        (n for n in VARIABLES if all(explained_share(by_name[n], y) > FOLLOWS for y in curves.values())), None
+        (n for n, x in by_name.items() if all(explained_share(x, y) > FOLLOWS for y in curves.values())), None
     )
     if variable is None:
         return None
@@ -162,19 +162,6 @@ def traverse(length: float) -> Signals:
     t = np.arange(600) / 100.0
     still = np.zeros_like(t)
     return replace(card_motion(), t=t, p=length * t / t[-1], v=still + length / t[-1], a=still, jerk=still)
-
-
-def values(s: Signals) -> dict[str, Array]:
-    """Variables to draw an effect against, (n,) each."""
-    return {
-        "velocity": s.v,
-        "acceleration": s.a,
-        "position": s.p,
-        "jerk": s.jerk,
-        "temperature": s.temperature,
-        "a_y": s.side["a_y"],
-        "a_z": s.side["a_z"],
-    }
 
 
 def explained_share(x: Array, y: Array) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from accelcal._support.errors import AccelcalError
+from accelcal.calibration.export.approximate import horner
 
 
 class NotTraceable(AccelcalError):
@@ -330,7 +331,7 @@ def body(name: str, x: Any, fmt: Format) -> Any:
         n = nearest(times(x, 1.0 / math.log(2.0)), fmt)
         r = functools.reduce(lambda rest, part: minus(rest, times(part, n)), LOG_2_SINGLE if single else LOG_2, x)
         series = [1.0 / math.factorial(k) for k in range(8 if single else 14)]
-        return times(_horner(series, r), x.graph.entry("two_to", (n,), x.wide))
+        return times(horner(series, r), x.graph.entry("two_to", (n,), x.wide))
     if name == "log":
         n = x.graph.entry("exponent", (x,), x.wide)
         x = times(x, x.graph.entry("two_to", (minus_of(n),), x.wide))  # 1 ... 2
@@ -339,19 +340,15 @@ def body(name: str, x: Any, fmt: Format) -> Any:
         r = over(minus(x, 1.0), plus(x, 1.0))
         series = [2.0 / (2 * k + 1) for k in range(6 if single else 12)]
         most, rest = LOG_2_SINGLE if single else LOG_2
-        return plus(times(most, n), plus(times(rest, n), times(r, _horner(series, times(r, r)))))
+        return plus(times(most, n), plus(times(rest, n), times(r, horner(series, times(r, r)))))
     n = nearest(times(x, 2.0 / math.pi), fmt)
     parts = HALF_PI_SINGLE if single else HALF_PI
     r = functools.reduce(lambda rest, part: minus(rest, times(part, n)), parts, x)
     turned = plus(n, 1.0 if name == "cos" else 0.0)
     quadrant = minus(turned, times(4.0, nearest(times(0.25, turned), fmt)))  # -2 ... 2
     square = times(r, r)
-    odd = times(r, _horner([(-1.0) ** k / math.factorial(2 * k + 1) for k in range(fmt.terms)], square))
-    even = _horner([(-1.0) ** k / math.factorial(2 * k) for k in range(fmt.terms + 1)], square)
+    odd = times(r, horner([(-1.0) ** k / math.factorial(2 * k + 1) for k in range(fmt.terms)], square))
+    even = horner([(-1.0) ** k / math.factorial(2 * k) for k in range(fmt.terms + 1)], square)
     size = select(less(magnitude(minus(magnitude(quadrant), 1.0)), 0.5), even, odd)
     back = minus_of(size)
     return select(less(quadrant, -0.5), back, select(less(quadrant, 1.5), size, back))
-
-
-def _horner(coefficients: Sequence[float], x: Any) -> Any:
-    return functools.reduce(lambda total, c: plus(times(total, x), c), reversed(coefficients[:-1]), coefficients[-1])
