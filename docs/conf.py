@@ -20,8 +20,7 @@ from accelcal.effects.processes import symptoms
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import THEMES
 from accelcal.plots.signature import caption, signature
-from accelcal.results import json as results_json
-from accelcal.results import json_text
+from accelcal.results import json as results_json, json_text
 
 project = "accelcal"
 version = release = accelcal.__version__

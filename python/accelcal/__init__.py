@@ -20,16 +20,18 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from accelcal import data as data
-    from accelcal import effects as effects
-    from accelcal import filters as filters
-    from accelcal import fleet as fleet
-    from accelcal import io as io
-    from accelcal import plots as plots
-    from accelcal import report as report
-    from accelcal import response
-    from accelcal import simulation as simulation
-    from accelcal import verbs as verbs
+    from accelcal import (
+        data as data,
+        effects as effects,
+        filters as filters,
+        fleet as fleet,
+        io as io,
+        plots as plots,
+        report as report,
+        response,
+        simulation as simulation,
+        verbs as verbs,
+    )
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor

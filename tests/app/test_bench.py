@@ -13,9 +13,7 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal import io, verbs
 from accelcal.app import mapping, script, tasks, widgets, workbench
-from accelcal.app.screens import data as data_screen
-from accelcal.app.screens import files as files_screen
-from accelcal.app.screens import improvement
+from accelcal.app.screens import data as data_screen, files as files_screen, improvement
 from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
@@ -23,8 +21,7 @@ from accelcal.cli import app as command_line
 from accelcal.diagnosis.search.confounding import Weights
 from accelcal.estimation.estimate import estimate
 from accelcal.plots.residuals import before_after
-from accelcal.results import json as results_json
-from accelcal.results import model_file
+from accelcal.results import json as results_json, model_file
 from tests.commands import accelcal, python
 
 from .conftest import sagging, with_delay

@@ -14,8 +14,7 @@ import pytest
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.estimation import estimate as fits
-from accelcal.estimation import gauss_newton
+from accelcal.estimation import estimate as fits, gauss_newton
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones

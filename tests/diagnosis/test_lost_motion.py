@@ -18,8 +18,7 @@ from accelcal.diagnosis.faults import Examined
 from accelcal.diagnosis.search import scores
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import find
-from accelcal.effects.building_blocks import direction
-from accelcal.effects.building_blocks import play as play_of
+from accelcal.effects.building_blocks import direction, play as play_of
 from accelcal.estimation.estimate import state_at
 from accelcal.estimation.run import prepare
 from accelcal.signals.signals import Signals

@@ -11,8 +11,7 @@ from scipy import stats
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data.rig import Rig, Sensor
-from accelcal.effects import BUILT_IN, CATALOGUE, find
-from accelcal.effects import effect as declare
+from accelcal.effects import BUILT_IN, CATALOGUE, effect as declare, find
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.live_model import LiveModel, refusal

@@ -23,8 +23,7 @@ from accelcal.calibration import export
 from accelcal.calibration.characteristic import apply, characteristic
 from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
-from accelcal.results import json as results_json
-from accelcal.results import model_file
+from accelcal.results import json as results_json, model_file
 from accelcal.simulation import ADXL105_RIG
 
 PACKAGE = str(Path(ac.__file__).parent)

@@ -14,8 +14,7 @@ from accelcal.cli import common
 from accelcal.cli.common import say, say_line, show_table
 from accelcal.cli.printing import show_comparison, show_fit
 from accelcal.data.rig import Sensor
-from accelcal.results import json as results_json
-from accelcal.results import model_file
+from accelcal.results import json as results_json, model_file
 from accelcal.verbs import compare
 
 from .model_files import bases, enter_own_effect, record

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from accelcal.io import atomic_write
-from accelcal.io import write as writing
+from accelcal.io import atomic_write, write as writing
 from accelcal.io.write import GrowingParquet
 
 ROWS, GROUPS = 50, 6

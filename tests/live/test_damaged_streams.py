@@ -15,8 +15,7 @@ from accelcal.io.stream import ByteSource
 from accelcal.live import LiveSession, settings_of
 
 from .damage import LONGEST_LOSS, Outcome, followed
-from .streams import BIAS, RIG, SCALE, Stream
-from .streams import stream as stream_of
+from .streams import BIAS, RIG, SCALE, Stream, stream as stream_of
 
 
 def outcomes(seeds: range, folder: Path) -> list[Outcome]:

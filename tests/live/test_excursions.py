@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accelcal.io import read_sidecar
-from accelcal.io import stream as lines_of
+from accelcal.io import read_sidecar, stream as lines_of
 from accelcal.io.stream import ByteSource, Excursions, Rows
 from accelcal.live import LiveSession, settings_of
 from accelcal.live.session import LiveState

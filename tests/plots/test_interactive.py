@@ -20,11 +20,19 @@ from accelcal.estimation.tracks import Follower, Path, shapes, track
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate
-from accelcal.plots import comparison, diagnosis, interactive, matplotlib, plotly, residuals, timeline
-from accelcal.plots import diagnosis as findings
-from accelcal.plots import figure as style
-from accelcal.plots import model as models
-from accelcal.plots import timeline as over_time
+from accelcal.plots import (
+    comparison,
+    diagnosis,
+    diagnosis as findings,
+    figure as style,
+    interactive,
+    matplotlib,
+    model as models,
+    plotly,
+    residuals,
+    timeline,
+    timeline as over_time,
+)
 from accelcal.plots.diagnosis import chosen
 from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
 from accelcal.plots.response import sensitivity

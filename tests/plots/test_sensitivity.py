@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from accelcal.plots import figure as style
-from accelcal.plots import interactive, response, sensitivity
+from accelcal.plots import figure as style, interactive, response, sensitivity
 from accelcal.plots.figure import Points
 from accelcal.plots.response import FAILS, MEASURED, fit_rows, response_rows, response_sentences
 from accelcal.response import FrequencyResponse, Point, fit_response

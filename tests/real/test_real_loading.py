@@ -8,8 +8,7 @@ import pytest
 
 from accelcal.data.quality import describe, summarise
 
-from .recordings import HERE
-from .recordings import recording as real
+from .recordings import HERE, recording as real
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in HERE.glob("*.toml")))

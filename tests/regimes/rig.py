@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from tests.worlds.numerics import Array, stream
 from tests.worlds.writer import write
 
-from .filters import Declared, analog, behind, keys, sampled, without_constant
-from .filters import position as filtered_position
+from .filters import Declared, analog, behind, keys, position as filtered_position, sampled, without_constant
 from .motion import Motion, Piecewise, rc
 from .noise import behind_poles, flicker, held, holes, ornstein_uhlenbeck, stamps, student
 from .profiles import band_noise

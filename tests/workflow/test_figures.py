@@ -26,10 +26,8 @@ from accelcal.data import ChannelFilter, Rig, RunLabels, Sensor
 from accelcal.estimation.tracks import paths, track
 from accelcal.estimation.triad import fit_triad
 from accelcal.simulation import CXL02_RIG
-from tests.estimation.arms import Rigged
-from tests.estimation.arms import record as of_arm
-from tests.estimation.test_dwells import TRUTH as TUMBLED
-from tests.estimation.test_dwells import tumble
+from tests.estimation.arms import Rigged, record as of_arm
+from tests.estimation.test_dwells import TRUTH as TUMBLED, tumble
 from tests.estimation.test_triad import positions
 from tests.estimation.test_triad_positions import held, still
 from tests.estimation.triads import Triad

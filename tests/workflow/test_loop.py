@@ -14,8 +14,7 @@ from accelcal.cli import write_recording
 from accelcal.diagnosis.search.scores import log_survival, score_gain, variance_gain
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.estimation.rows import normal_equations
-from accelcal.results import json as results_json
-from accelcal.results import model_file
+from accelcal.results import json as results_json, model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.verbs import add, diagnose, drop, improve
 from tests import commands

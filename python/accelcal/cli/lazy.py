@@ -7,22 +7,16 @@ from typing import TYPE_CHECKING, Any
 from accelcal._support.values import face
 
 if TYPE_CHECKING:
-    from accelcal import data, io, plots, verbs
-    from accelcal import effects as catalogue
-    from accelcal import live as measuring
-    from accelcal import report as pages
+    from accelcal import data, effects as catalogue, io, live as measuring, plots, report as pages, verbs
     from accelcal.calibration import export as exports
     from accelcal.diagnosis import experiment
-    from accelcal.estimation import allan as noises
-    from accelcal.estimation import triad as triads
+    from accelcal.estimation import allan as noises, triad as triads
     from accelcal.fleet import campaign, summary
-    from accelcal.io import dwells as resting
-    from accelcal.io import files, loading
+    from accelcal.io import dwells as resting, files, loading
     from accelcal.live import session as sessions
     from accelcal.plots import matplotlib as drawing
     from accelcal.response import export as response_files
-    from accelcal.results import json as results_json
-    from accelcal.results import json_text, model_file, words
+    from accelcal.results import json as results_json, json_text, model_file, words
     from accelcal.simulation import sensor as sensors
 
 HOMES = {

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Finding, RecordingError
-from accelcal.io import dialect as instants
-from accelcal.io import naming
+from accelcal.io import dialect as instants, naming
 from accelcal.io.dialect import (
     COMMENT,
     HEAD,

@@ -33,8 +33,7 @@ from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
 from accelcal.response.parametric import ResponseModel, fit_response
 from accelcal.response.sine import ALONE, Point, Reference, SineStep, explained, find_steps, may_be_stepped
-from accelcal.signals.processing import response as gain_of
-from accelcal.signals.processing import spline
+from accelcal.signals.processing import response as gain_of, spline
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,7 @@ import scipy
 from accelcal._support.result import Storable
 from accelcal.data import Array, ChannelFilter, units
 from accelcal.response.sine import COVERAGE, Point
-from accelcal.signals.processing import Spectrum
-from accelcal.signals.processing import response as gain_of
+from accelcal.signals.processing import Spectrum, response as gain_of
 
 SAME = 6.0
 """Difference of the information criterion below which two structures are not separated: odds of 20 to 1."""

@@ -8,8 +8,7 @@ import re
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import MICRO_G, NORMAL_95, Array, usual_unit
-from accelcal.data import concise as concise
+from accelcal.data import MICRO_G, NORMAL_95, Array, concise as concise, usual_unit
 from accelcal.data.units import decimal as decimal
 from accelcal.effects import CATALOGUE, spelled, static_terms
 from accelcal.effects.mechanisms import PATTERN

@@ -36,8 +36,7 @@ from accelcal.data import (
 )
 from accelcal.data.recording import ORDERS
 from accelcal.signals.processing import applied, memory, response
-from accelcal.simulation.motion import Motion
-from accelcal.simulation.motion import motion as planned
+from accelcal.simulation.motion import Motion, motion as planned
 
 FINE = 4
 """Steps of the grid of an analog low-pass within one sample: what lies above its Nyquist frequency is not simulated."""

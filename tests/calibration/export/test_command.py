@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.calibration.export import Calibration, calibrate, header, module, read_laboratory
-from accelcal.results import json as results_json
-from accelcal.results import model_file
+from accelcal.results import json as results_json, model_file
 from tests.commands import accelcal
 
 from .models import fit_of

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from accelcal.diagnosis.noise.motion_noise import strongest_band
 from accelcal.diagnosis.noise.residuals import BlockSpectra

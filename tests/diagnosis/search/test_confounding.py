@@ -18,8 +18,7 @@ from accelcal.diagnosis.search.confounding import CLASS_ODDS, Weights, confoundi
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import Candidate, Scan
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.diagnosis.verdict import RULES as JUDGED_BY
-from accelcal.diagnosis.verdict import UNSTEADY, Case, judgement
+from accelcal.diagnosis.verdict import RULES as JUDGED_BY, UNSTEADY, Case, judgement
 from accelcal.effects import SizePrior, find
 from accelcal.estimation.remarks import KINDS, Remark
 

@@ -30,8 +30,8 @@ from accelcal.calibration.export.calibration import (
     require_covariance,
     require_finite,
     strict,
+    unit as ascii_unit,
 )
-from accelcal.calibration.export.calibration import unit as ascii_unit
 from accelcal.calibration.export.symbols import (
     FORMATS,
     Format,

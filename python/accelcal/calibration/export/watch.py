@@ -15,8 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from accelcal.calibration.export.calibration import identifier, plain
-from accelcal.calibration.export.calibration import unit as ascii_unit
+from accelcal.calibration.export.calibration import identifier, plain, unit as ascii_unit
 from accelcal.calibration.export.symbols import (
     FORMATS,
     Graph,

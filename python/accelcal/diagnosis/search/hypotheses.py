@@ -15,8 +15,7 @@ from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.effects.building_blocks import periods
 from accelcal.effects.mechanisms import CARRIERS, mechanisms_of
 from accelcal.estimation.columns import gradient_in_output
-from accelcal.estimation.dwell_rows import acts_at_rest
-from accelcal.estimation.dwell_rows import shown as dwells_show
+from accelcal.estimation.dwell_rows import acts_at_rest, shown as dwells_show
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
