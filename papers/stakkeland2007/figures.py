@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from accelcal._support.result import Storable
 from accelcal.estimation.estimate import Fit
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 UNITS = {"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"}
 _ROLES: tuple[Role, ...] = ("band", "model")
 """Of the filters; the first is drawn below the others."""
+WIDTH = 160
+"""Characters of a line."""
 _SPAN = 8.0
 """Half height of a panel, in standard deviations at a fifth of the record."""
 
@@ -72,19 +74,16 @@ def _figure(tracks: Sequence[ParameterTrack], headline: str) -> Figure:
     return Figure(tuple(panels), headline, shared_x=True)
 
 
-def render(items: Iterable[Item], *, width: int = 160) -> str:
-    """Tables of what is claimed, expected and measured; then the claims that do not hold, first the paper's, then ours.
-
-    Parameters
-    ----------
-    items : iterable of Item
-    width : int
-        Characters per line.
-    """
+def render(items: Iterable[Item]) -> str:
+    """Tables of what is claimed, expected and measured; then the claims that do not hold, the paper's first."""
     items, file = tuple(items), StringIO()
-    console = Console(file=file, width=width, highlight=False)
+    console = Console(file=file, width=WIDTH, highlight=False)
     for item in items:
-        console.print(_table(item))
+        cells = (
+            [r.claim, r.by, r.expected, r.measured, str(r.n), r.threshold, "yes" if r.holds else "NO", r.remark]
+            for r in item.rows
+        )
+        console.print(_table(f"{item.title} [{item.source}]", CLAIM, cells))
         console.print()
     rows = [row for item in items for row in item.rows]
     for by, whose in (("paper", "the paper's"), ("us", "our own")):
@@ -98,22 +97,15 @@ def render(items: Iterable[Item], *, width: int = 160) -> str:
     return file.getvalue()
 
 
-def _table(item: Item) -> Table:
-    table = Table(title=escape(f"{item.title} [{item.source}]"), title_justify="left")
-    for column in ("claim", "by", "expected", "measured", "n", "threshold", "holds", "remark"):
-        table.add_column(column, justify="right" if column == "n" else "left")
-    for row in item.rows:
-        cells = (
-            row.claim,
-            row.by,
-            row.expected,
-            row.measured,
-            str(row.n),
-            row.threshold,
-            "yes" if row.holds else "NO",
-            row.remark,
-        )
-        table.add_row(*(escape(cell) for cell in cells))
+CLAIM = ("claim", "by", "expected", "measured", "n", "threshold", "holds", "remark")
+"""Columns of a table of claims."""
+
+
+def _table(title: str, names: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    columns = (Column(name, justify="right" if name == "n" else "left") for name in names)
+    table = Table(*columns, title=escape(title), title_justify="left")
+    for row in rows:
+        table.add_row(*map(escape, row))
     return table
 
 
@@ -135,13 +127,17 @@ class Statement(Storable):
     """Why it, or a part of it, cannot be answered."""
 
     @property
+    def answer(self) -> str:
+        """Items and products, in words; empty where there are none."""
+        return "; ".join(filter(None, [", ".join(self.items), self.product]))
+
+    @property
     def state(self) -> str:
         """Closed, partly closed, open, or cannot be closed."""
-        answered = bool(self.items or self.product)
         if self.open:
-            return "partly" if answered else "open"
+            return "partly" if self.answer else "open"
         if self.impossible:
-            return "closed in part, the rest cannot be" if answered else "cannot be closed"
+            return "closed in part, the rest cannot be" if self.answer else "cannot be closed"
         return "closed"
 
 
@@ -216,18 +212,13 @@ STATEMENTS: tuple[Statement, ...] = (
 """In the order of the paper."""
 
 
-def coverage_text(width: int = 160) -> str:
+def coverage_text() -> str:
     """A table for the terminal, and how many statements are in each state."""
     file = StringIO()
-    console = Console(file=file, width=width, highlight=False)
-    table = Table(title="The paper, statement by statement", title_justify="left")
-    for column in ("where", "statement", "state", "by", "what is missing, or why"):
-        table.add_column(column)
-    for each in STATEMENTS:
-        answered = "; ".join(filter(None, [", ".join(each.items), each.product]))
-        cells = (each.where, each.text, each.state, answered, each.open or each.impossible)
-        table.add_row(*(cell.replace("[", "\\[") for cell in cells))
-    console.print(table)
+    console = Console(file=file, width=WIDTH, highlight=False)
+    names = ("where", "statement", "state", "by", "what is missing, or why")
+    cells = ((s.where, s.text, s.state, s.answer, s.open or s.impossible) for s in STATEMENTS)
+    console.print(_table("The paper, statement by statement", names, cells))
     counts = Counter(each.state for each in STATEMENTS)
     console.print("; ".join(f"{state}: {n}" for state, n in counts.items()))
     return file.getvalue()

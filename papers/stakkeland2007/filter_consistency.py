@@ -21,6 +21,7 @@ from papers.stakkeland2007.rows import (
     ACI,
     ALPHA,
     CWPA,
+    LINEAR_SENSOR,
     PAPER_SENSOR,
     PLAIN_ADXL105,
     Item,
@@ -337,8 +338,7 @@ def _rig_nees(choice: FilterChoice, simulated: Simulated, noise: Noise, block: s
 
 def _sensor(choice: FilterChoice) -> dict[str, float]:
     """The simulated sensor, without what the filter's sensor model cannot say."""
-    names = ("bias", "scale_factor") if choice.model == "linear" else PAPER_SENSOR
-    return {name: PAPER_SENSOR[name] for name in names}
+    return LINEAR_SENSOR if choice.model == "linear" else PAPER_SENSOR
 
 
 def _true_parameters(choice: FilterChoice) -> Array:
@@ -521,8 +521,7 @@ INITIAL_ERROR = (0.01, 1.0, 20.0)
 ROBUSTNESS_SECONDS = 60.0
 TRUST = (0.01, 1.0, 0.001)
 """Standard deviation of the prior over the error that is there."""
-EXACT = {"bias": 0.05, "scale_factor": 0.01}
-OMITTED = {**EXACT, **dict(zip(polynomial(3), (-1e-2, 1e-3), strict=True))}
+OMITTED = {**LINEAR_SENSOR, **dict(zip(polynomial(3), (-1e-2, 1e-3), strict=True))}
 """A sensor with K2 and K3 of a hundred times the paper's, which a linear model omits."""
 JERKS = (1e-6, 1e-10)
 """Factors on the jerk density of CWPA that it bears and does not bear."""
@@ -654,7 +653,7 @@ def failures(
     trust: float,
     runs: int,
     *,
-    sensor: Mapping[str, float] = EXACT,
+    sensor: Mapping[str, float] = LINEAR_SENSOR,
     jerk: float = 1.0,
 ) -> int:
     """Runs whose k is off by more than the tolerance after a minute.
@@ -756,7 +755,12 @@ def diverged(plan: Plan, choice: FilterChoice, runs: int) -> int:
         omitted = rng.uniform() * np.array([OMITTED[name] for name in polynomial(3)])
         trust, jerk = 10.0 ** rng.uniform([-3.0, -6.0], 0.0)
         return diverges(
-            rng, choice, rng.standard_normal(3), trust, EXACT | dict(zip(polynomial(3), omitted, strict=True)), jerk
+            rng,
+            choice,
+            rng.standard_normal(3),
+            trust,
+            LINEAR_SENSOR | dict(zip(polynomial(3), omitted, strict=True)),
+            jerk,
         )
 
     return sum(plan.repeat("unstable", runs, once))
@@ -819,11 +823,10 @@ def linear_filters_item(plan: Plan) -> Item:
 
 def apart(plan: Plan, first: FilterChoice, second: FilterChoice, runs: int) -> Array:
     """Largest difference of k and K0 in each run, in standard deviations of the first, (runs,)."""
-    sensor = {name: value for name, value in PAPER_SENSOR.items() if name in ("bias", "scale_factor")}
 
     def once(rng: np.random.Generator) -> float:
         simulated = simulate(
-            "tones", seconds=SECONDS, rig=PLAIN_ADXL105, parameters=sensor, rng=rng, position_noise=0.0
+            "tones", seconds=SECONDS, rig=PLAIN_ADXL105, parameters=LINEAR_SENSOR, rng=rng, position_noise=0.0
         )
         noise = tuned(simulated.truth, PLAIN_ADXL105)
         a, b = (

@@ -20,7 +20,9 @@ from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
 from papers.stakkeland2007.rows import (
     ACCEL_RATE,
     ACI,
+    CURVED_SENSOR,
     CWPA,
+    LARGEST,
     PAPER_SENSOR,
     PLAIN_ADXL105,
     PLAIN_CXL02,
@@ -160,8 +162,7 @@ def _harmonic_rows() -> tuple[Row, ...]:
 
 def _corruption_rows(plan: Plan) -> tuple[Row, ...]:
     """The linear model on a cubic sensor: K0 gains K2 <a²>, k gains K3 <a⁴>/<a²> (derivations 2.2)."""
-    sensor = {"bias": 0.05, "scale_factor": 0.01, "quadratic": -1e-3, "cubic": 1e-4}
-    runs = plan.runs(4, 16)
+    sensor, runs = CURVED_SENSOR, plan.runs(4, 16)
 
     def once(rng: np.random.Generator) -> tuple[float, float, float, float]:
         simulated = simulate("tones", seconds=SECONDS, rig=PLAIN_CXL02, parameters=sensor, rng=rng, position_noise=0.0)
@@ -229,8 +230,6 @@ SENSOR = {"bias": 0.05, "scale_factor": 0.01, "misalignment": AXIS_ANGLE}
 MOUNTS: tuple[Mount, ...] = ("normal", "reversed", "rolled")
 ALIGNMENT_SECONDS = 20.0
 """Of each run."""
-LARGEST_MISALIGNMENT = 4.0
-"""Standard deviations."""
 RIGS = {"ADXL105": PLAIN_ADXL105, "CXL02": PLAIN_CXL02}
 
 
@@ -278,8 +277,8 @@ def _bias_row(claim: str, fit: Fit, angle: float) -> Row:
         measured=f"{1e3 * error:.2f} ± {1e3 * fit['bias'].std:.1g} mm/s²",
         value=error,
         n=1,
-        threshold=f"{LARGEST_MISALIGNMENT:g} sigma ({sigma:.1f})",
-        holds=sigma < LARGEST_MISALIGNMENT,
+        threshold=f"{LARGEST:g} sigma ({sigma:.1f})",
+        holds=sigma < LARGEST,
         remark="0.05 deg of the level alone is 8.6 mm/s²" if angle > LEVEL else "",
     )
 
@@ -297,8 +296,8 @@ def _angle_row(name: str, fit: Fit) -> Row:
         measured=f"{tilt} deg, {axis} deg, K0 {1e3 * fit['bias'].value:.3f} ± {1e3 * fit['bias'].std:.1g} mm/s²",
         value=worst,
         n=1,
-        threshold=f"{LARGEST_MISALIGNMENT:g} sigma ({worst:.1f}), angles finer than a tenth of the level",
-        holds=worst < LARGEST_MISALIGNMENT and max(fit["tilt"].std, fit["misalignment"].std) < 0.1 * LEVEL,
+        threshold=f"{LARGEST:g} sigma ({worst:.1f}), angles finer than a tenth of the level",
+        holds=worst < LARGEST and max(fit["tilt"].std, fit["misalignment"].std) < 0.1 * LEVEL,
         remark="the rail must keep its tilt while the sensor is turned",
     )
 
@@ -314,8 +313,6 @@ FOLLOWS = {"a_y": 0.02, "a_z": -0.01}
 """Share of the acceleration that each transverse axis shows: its angle to the rail."""
 SHAKING = 0.3
 """Amplitude of each of three tones of the transverse motion, m/s²."""
-LARGEST = 4.0
-"""Standard deviations: four parameters together beyond it in 3 of 10 000 fits."""
 SYMBOLS = {"scale_factor": "k", "quadratic": "K2", "cubic": "K3"}
 LAG = 1.0 / (2.0 * np.pi * 200.0)
 """Delay of the sensor's own pole, s."""

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from accelcal.calibration.characteristic import straight_line
-from accelcal.data import STANDARD_GRAVITY, Array, Channel, Recording, Rig
+from accelcal.data import STANDARD_GRAVITY, Array, Channel, Recording, Rig, root_mean_square as rms
 from accelcal.data.orientation import on_arm
 from accelcal.demo import with_effect
 from accelcal.diagnosis.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
@@ -32,14 +32,16 @@ from accelcal.model import Model
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
 from accelcal.validation.consistency import Consistency, consistency, nees
-from accelcal.validation.prediction import Prediction
-from accelcal.validation.prediction import rms as root_mean_square
+from accelcal.validation.prediction import Prediction, rms as drift_rms
 from accelcal.verbs import add, diagnose
 from papers.stakkeland2007.rows import (
     ACCEL_RATE,
     ACI,
     ALPHA,
+    CURVED_SENSOR,
     CWPA,
+    LARGEST,
+    LINEAR_SENSOR,
     PLAIN_ADXL105,
     PLAIN_CXL02,
     SIGMAS,
@@ -51,7 +53,6 @@ from papers.stakkeland2007.rows import (
     motion_states,
     paired,
     prior_sigmas,
-    rms,
     start,
     tuned,
 )
@@ -59,7 +60,6 @@ from papers.stakkeland2007.rows import (
 SECONDS = 60.0
 HORIZON = 5.0
 """Time without position, s."""
-BASE = {"bias": 0.05, "scale_factor": 0.01}
 CURVATURE = {"quadratic": -1e-4, "cubic": 1e-5}
 """K2 and K3 as in III-A2: below the detection limits of an ADXL105 on this motion."""
 PLAIN = 10.0
@@ -132,7 +132,7 @@ def question_item(plan: Plan) -> Item:
 
 def curved(plan: Plan, times: float, runs: int) -> Drifts:
     """A sensor with `times` the curvature of III-A2, fitted on one motion and followed on another."""
-    sensor = BASE | {name: times * value for name, value in CURVATURE.items()}
+    sensor = LINEAR_SENSOR | {name: times * value for name, value in CURVATURE.items()}
 
     def once(rng: np.random.Generator) -> tuple[float, float, float]:
         train, test = (
@@ -152,7 +152,7 @@ def windage(plan: Plan, runs: int) -> Drifts:
 
     def once(rng: np.random.Generator) -> tuple[float, float, float, float, tuple[str, ...]]:
         made = [
-            simulate(motion, seconds=SECONDS, rig=rig, parameters=BASE, rng=rng)
+            simulate(motion, seconds=SECONDS, rig=rig, parameters=LINEAR_SENSOR, rng=rng)
             for motion, rig in (("moves", CXL02_RIG), ("interleaved", noise_free(CXL02_RIG)))
         ]
         origins = prepare(made[0].recording).origins
@@ -169,7 +169,7 @@ def windage(plan: Plan, runs: int) -> Drifts:
 
 def drift(found: Fit, recording: Recording) -> float:
     """rms coasting error over one recording, m."""
-    value = root_mean_square(Prediction.of(found, recording).at_horizon(HORIZON).rezeroed)
+    value = drift_rms(Prediction.of(found, recording).at_horizon(HORIZON).rezeroed)
     assert value is not None  # the record is longer than the horizon
     return value
 
@@ -222,8 +222,6 @@ AMPLITUDE = 15.0
 """Of the vibration test, m/s²."""
 SHAKEN = 60.0
 """Its length, s."""
-LARGEST = 4.0
-"""Standard deviations that an error of one of these fits may have."""
 RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
 SYMBOLS = dict(zip(TRUTH, ("K0", "k", "K2", "K3"), strict=True))
 
@@ -404,9 +402,6 @@ def centrifuge_row(name: str, fits: Mapping[str, Fit], each: str) -> Row:
     )
 
 
-LINEAR_SENSOR = {"bias": 0.05, "scale_factor": 0.01}
-CUBIC_SENSOR = {**LINEAR_SENSOR, "quadratic": -1e-3, "cubic": 1e-4}
-"""An ADXL105 with the nonlinearity of a 1 %FS part, so that Fig. 5 has something to show."""
 STATE_NAMES = {"k": "scale_factor", "K0": "bias", "K2": "quadratic", "K3": "cubic"}
 _POINTS = 2000
 """Points drawn per curve."""
@@ -439,7 +434,7 @@ ParameterTracks = tuple[ParameterTrack, ...]
 def tracks_item(plan: Plan) -> tuple[Item, tuple[ParameterTracks, ParameterTracks]]:
     """Figs. 4 and 5, each of ACI and CWPA, and whether their bands end on the truth."""
     linear = parameter_tracks(plan, "linear", LINEAR_SENSOR, 130.0)
-    cubic = parameter_tracks(plan, "cubic", CUBIC_SENSOR, 250.0)
+    cubic = parameter_tracks(plan, "cubic", CURVED_SENSOR, 250.0)
     rows = tuple(_row(figure, track) for figure, tracks in (("Fig. 4", linear), ("Fig. 5", cubic)) for track in tracks)
     item = Item(
         name="tracks",
@@ -535,14 +530,15 @@ def varying_item(plan: Plan) -> Item:
     runs = plan.runs(3, 24)
     found = outcomes(plan, runs)
     pair = paired(found.linear, found.cubic)
-    worst, least = float(np.sqrt(np.mean(found.plain**2))), float(np.sqrt(np.mean(found.known**2)))
+    worst, least = rms(found.plain), rms(found.known)
     p_value = float(scipy.special.chdtrc(2 * runs, np.sum(found.snr**2)))
     return Item(
         name="varying",
         title=f"Linear sensor whose scale factor varies by {SIGMA:g} within {TAU:g} s, ADXL105",
         source="IV, II-D",
         rows=(
-            _varying_row(
+            Row(
+                "us",
                 "K2, K3 that the sensor has not exceed their covariance when the scale factor varies",
                 f"chi-square of all runs beyond p = {ALPHA:g}",
                 f"{np.min(found.snr):.1f} to {np.max(found.snr):.1f} sigma, p = {p_value:.1g}",
@@ -551,7 +547,8 @@ def varying_item(plan: Plan) -> Item:
                 f"{ALPHA:g}",
                 holds=p_value < ALPHA,
             ),
-            _varying_row(
+            Row(
+                "us",
                 "the linear model then tracks better than the cubic one",
                 "linear below cubic",
                 f"{1e3 * rms(found.linear):.3g} mm against {1e3 * rms(found.cubic):.3g} mm",
@@ -560,7 +557,8 @@ def varying_item(plan: Plan) -> Item:
                 f"below 1 (mean log ratio is {pair.deviate:+.1f} sigma)",
                 holds=pair.ratio < 1.0,
             ),
-            _varying_row(
+            Row(
+                "us",
                 "the diagnosis names the process, or confounds it with a drift or step",
                 f"{runs} of {runs}",
                 f"{int(np.sum(found.named))} of {runs}",
@@ -569,7 +567,8 @@ def varying_item(plan: Plan) -> Item:
                 "all",
                 holds=bool(np.all(found.named)),
             ),
-            _varying_row(
+            Row(
+                "us",
                 "with the process in the model k has the error that it states",
                 "rms error of k below 2 sigma, without it above",
                 f"{least:.1f} sigma with it, {worst:.1f} without",
@@ -587,16 +586,16 @@ def outcomes(plan: Plan, runs: int) -> Outcomes:
 
     def once(rng: np.random.Generator) -> tuple[float, ...]:
         train = varied(
-            simulate("tones", seconds=VARYING_SECONDS, rig=ADXL105_RIG, parameters=BASE, rng=rng), rng
+            simulate("tones", seconds=VARYING_SECONDS, rig=ADXL105_RIG, parameters=LINEAR_SENSOR, rng=rng), rng
         ).recording
         test = simulate(
-            "interleaved", seconds=VARYING_SECONDS, rig=noise_free(ADXL105_RIG), parameters=BASE, rng=rng
+            "interleaved", seconds=VARYING_SECONDS, rig=noise_free(ADXL105_RIG), parameters=LINEAR_SENSOR, rng=rng
         ).recording
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         missing = diagnose(linear, train).scan.found
         named = bool(missing) and not PROCESSES.isdisjoint(missing[0].members)
         fit = estimate(missing[0].enter(linear.model), train) if named else linear
-        error, known = (f["scale_factor"].value - BASE["scale_factor"] for f in (linear, fit))
+        error, known = (f["scale_factor"].value - LINEAR_SENSOR["scale_factor"] for f in (linear, fit))
         return (
             drift(linear, test),
             drift(cubic, test),
@@ -620,10 +619,6 @@ def varied(made: Simulated, rng: np.random.Generator) -> Simulated:
     y = accel.y + k * made.truth.motion.acceleration(accel.t)
     recording = replace(made.recording, accel=replace(accel, y=y), digest=f"varied {rng.integers(1 << 60)}")
     return replace(made, recording=recording)
-
-
-def _varying_row(claim: str, expected: str, measured: str, value: float, n: int, threshold: str, *, holds: bool) -> Row:
-    return Row("us", claim, expected, measured, value, n, threshold, bool(holds))
 
 
 SEEN, GAP = 20.0, 1.0
@@ -782,14 +777,14 @@ WITHIN = math.sqrt(-2.0 * math.log(ALPHA))
 def mapping_item(plan: Plan) -> tuple[Item, Fit]:
     """The curve of a curved and of a straight sensor; the fit of the curved one for the figure."""
     curved, straight = (
-        fitted(plan, name, sensor) for name, sensor in (("curved", CUBIC_SENSOR), ("straight", LINEAR_SENSOR))
+        fitted(plan, name, sensor) for name, sensor in (("curved", CURVED_SENSOR), ("straight", LINEAR_SENSOR))
     )
     item = Item(
         name="mapping",
         title=f"Deviation from a straight line within ±{LINE_AMPLITUDE:g} m/s², ADXL105, {MAPPING_SECONDS:g} s",
         source="Fig. 3",
         rows=(
-            curve_row("the fitted curve is that of a sensor with K2 = -1e-3, K3 = 1e-4", curved, CUBIC_SENSOR),
+            curve_row("the fitted curve is that of a sensor with K2 = -1e-3, K3 = 1e-4", curved, CURVED_SENSOR),
             curve_row("a straight sensor has a straight curve", straight, LINEAR_SENSOR),
         ),
     )

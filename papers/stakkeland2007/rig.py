@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Channel, Recording
+from accelcal.data import Array, Channel, Recording, root_mean_square as rms
 from accelcal.effects import found_by, polynomial
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.filters.choice import FilterChoice
@@ -20,7 +20,9 @@ from accelcal.validation.consistency import rms_error
 from accelcal.verbs import diagnose
 from papers.stakkeland2007.rows import (
     ACI,
+    CURVED_SENSOR,
     CWPA,
+    LARGEST,
     PAPER_SENSOR,
     PLAIN_ADXL105,
     PLAIN_CXL02,
@@ -31,7 +33,6 @@ from papers.stakkeland2007.rows import (
     filtered,
     paired,
     prior_sigmas,
-    rms,
     sampled,
     start,
     tuned,
@@ -44,8 +45,6 @@ SLOW = ("bursts", "moves", "interleaved")
 TOO_FAST = 0.13
 """Top speed of the bursts that exceed it, m/s."""
 SECONDS = 10.0
-LARGEST = 4.0
-"""Standard deviations."""
 STEPS = 20
 """Steps of the encoder between two of its readings."""
 
@@ -187,8 +186,6 @@ def _diagnosis_row(above: Followed) -> Row:
 
 GAP_SECONDS, CALIBRATION, GAP = 60.0, 20.0, 1.0
 """Length, time with position before the first gap, length of the gaps and of the pauses between them, s."""
-CURVED_SENSOR = {**PAPER_SENSOR, "quadratic": -1e-3, "cubic": 1e-4}
-"""Ten times as nonlinear."""
 
 FILTERS: Mapping[str, FilterChoice] = {
     "ACI linear": ACI,
@@ -245,7 +242,8 @@ def gap_errors(plan: Plan, sensor: Mapping[str, float], runs: int) -> dict[str, 
         holed = withheld(simulated.recording, CALIBRATION, GAP)
         ends = gap_ends(CALIBRATION, GAP, GAP_SECONDS)
         at = ends - 1e-9  # just before position is back
-        position = truth.motion.position(_event_before(simulated.recording.accel.t, at))
+        t = simulated.recording.accel.t
+        position = truth.motion.position(t[np.searchsorted(t, at, side="right") - 1])
 
         def error(choice: FilterChoice) -> float:
             track = filtered(choice, holed, noise, start(choice, truth), prior_sigmas(choice))
@@ -273,11 +271,6 @@ def gap_ends(first: float, length: float, seconds: float) -> Array:
 def random_walk_floor(density: float, gap: float) -> float:
     """sqrt(q t³/3), q = N²/2: what the sensor's noise alone does in a gap; m."""
     return float(np.sqrt(density**2 / 2.0 * gap**3 / 3.0))
-
-
-def _event_before(t: Array, at: Array) -> Array:
-    """The last accelerometer sample not later than `at`: what a filter without position has seen."""
-    return np.asarray(t[np.searchsorted(t, at, side="right") - 1])
 
 
 def _floor_row(result: Mapping[str, Array], runs: int) -> Row:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import papers.stakkeland2007 as paper
+from accelcal.data import root_mean_square
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.filters.choice import FilterChoice
 from accelcal.simulation.motion import Motion, Tones
@@ -47,7 +48,6 @@ from papers.stakkeland2007.models import (
     three_axes_item,
 )
 from papers.stakkeland2007.question import (
-    CUBIC_SENSOR,
     PROCESS,
     SCALE_DESIGNS,
     SIGMA,
@@ -65,7 +65,6 @@ from papers.stakkeland2007.question import (
     varying_item,
 )
 from papers.stakkeland2007.rig import (
-    CURVED_SENSOR,
     GAP,
     LIMIT,
     encoder_speed_item,
@@ -78,7 +77,7 @@ from papers.stakkeland2007.rig import (
     vibration_item,
     withheld,
 )
-from papers.stakkeland2007.rows import ACI, CWPA, PLAIN_ADXL105, SIGMAS, Item, Plan, paired, rms, sign_test
+from papers.stakkeland2007.rows import ACI, CURVED_SENSOR, CWPA, PLAIN_ADXL105, SIGMAS, Item, Plan, paired, sign_test
 
 PLAN = Plan(quick=True, seed=2007)
 
@@ -193,7 +192,7 @@ def test_a_parameter_considered_with_a_tenth_of_its_spread_is_overconfident() ->
 
 
 def test_the_curve_of_a_curved_sensor_is_not_that_of_a_straight_one() -> None:
-    assert not curve_row("", fitted(PLAN, "curved", CUBIC_SENSOR), {}).holds
+    assert not curve_row("", fitted(PLAN, "curved", CURVED_SENSOR), {}).holds
 
 
 def test_linear_filters_of_two_systems_are_not_the_same() -> None:
@@ -263,14 +262,14 @@ def test_harmonics_equal_the_closed_form_at_any_amplitude() -> None:
 
 
 def test_linear_filters_on_a_cubic_sensor_end_outside_their_bands() -> None:
-    for track in parameter_tracks(PLAN, "linear", CUBIC_SENSOR, 60.0):
+    for track in parameter_tracks(PLAN, "linear", CURVED_SENSOR, 60.0):
         assert np.max(np.abs(track.final_deviates)) > 3 * SIGMAS
 
 
 def test_a_linear_model_of_a_curved_sensor_misses_the_noise_floor() -> None:
     density = ADXL105_RIG.sensor.noise
     assert density is not None
-    assert rms(gap_errors(PLAN, CURVED_SENSOR, 3)["ACI linear"]) > 1.5 * random_walk_floor(density, GAP)
+    assert root_mean_square(gap_errors(PLAN, CURVED_SENSOR, 3)["ACI linear"]) > 1.5 * random_walk_floor(density, GAP)
 
 
 def test_random_walk_floor_equals_the_published_numbers() -> None:
