@@ -240,174 +240,213 @@ def certificate(
     laboratory : administrative data; what is missing is marked and listed.
     undeclared : keys of the sidecar that the measurement lacks.
     """
-    missing = list(laboratory.missing)
-    missing += [f"sensor.{key}" for key in ("model", "serial") if not getattr(sensor, key)]
-    missing += undeclared
-    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", schemaVersion=VERSION)
-    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
+    unnamed = [f"sensor.{key}" for key in ("model", "serial") if not getattr(sensor, key)]
+    missing = (*laboratory.missing, *unnamed, *undeclared)
     lacking = f"Missing: {', '.join(missing)}." if missing else "Nothing is missing."
-    root.append(_comment(f"DRAFT: not signed, not accredited. {lacking}"))
-    _administrative(ET.SubElement(root, f"{{{DCC}}}administrativeData"), sensor, laboratory)
-    results = ET.SubElement(root, f"{{{DCC}}}measurementResults")
-    _measurement(ET.SubElement(results, f"{{{DCC}}}measurementResult"), measurement, laboratory)
+    root = _node(
+        "digitalCalibrationCertificate",
+        _comment(f"DRAFT: not signed, not accredited. {lacking}"),
+        _administrative(sensor, laboratory),
+        _node("measurementResults", _measurement(measurement, laboratory)),
+    )
+    root.set("schemaVersion", VERSION)
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
     for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ET.register_namespace(prefix, space)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
-    return Draft(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n', tuple(missing))
+    return Draft(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n', missing)
 
 
 def _comment(text: str) -> Any:
-    safe = plain(text).replace("--", "- -")
-    return ET.Comment(f" {safe} ")
+    return ET.Comment(f" {plain(text).replace('--', '- -')} ")
 
 
-def _add(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
-    node = ET.SubElement(parent, f"{{{DCC}}}{tag}")
-    node.text = None if text is None else NOT_XML.sub("?", text)
+def _node(tag: str, *inside: ET.Element | str) -> ET.Element:
+    """An element of the schema with its text, or the elements in it."""
+    node = ET.Element(f"{{{DCC}}}{tag}", {"lang": "en"} if tag == "content" else {})
+    for part in inside:
+        if isinstance(part, str):
+            node.text = NOT_XML.sub("?", part)
+        else:
+            node.append(part)
     return node
 
 
-def _named(parent: ET.Element, tag: str, text: str) -> ET.Element:
-    """An element with a text in English."""
-    node = _add(parent, tag)
-    _add(node, "content", text).set("lang", "en")
-    return node
+def _named(tag: str, text: str) -> ET.Element:
+    """An element whose text has a language."""
+    return _node(tag, _node("content", text))
 
 
-def _declared(parent: ET.Element, tag: str, laboratory: Laboratory, key: str, *, named: bool = False) -> None:
-    """Administrative data, or a marked placeholder."""
-    if key in laboratory.missing:
-        parent.append(_comment(f"MISSING: {key}"))
-    (_named if named else _add)(parent, tag, laboratory.text(key))
+def _declared(tag: str, laboratory: Laboratory, key: str, *, named: bool = False) -> list[ET.Element]:
+    """Administrative data, or a placeholder behind a mark."""
+    missing = [_comment(f"MISSING: {key}")] if key in laboratory.missing else []
+    return [*missing, (_named if named else _node)(tag, laboratory.text(key))]
 
 
-def _administrative(parent: ET.Element, sensor: Sensor, laboratory: Laboratory) -> None:
-    software = _add(_add(parent, "dccSoftware"), "software")
-    _named(software, "name", "accelcal")
-    _add(software, "release", __version__)
-    core = _add(parent, "coreData")
-    _declared(core, "countryCodeISO3166_1", laboratory, "certificate.country")
-    _add(core, "usedLangCodeISO639_1", "en")
-    _add(core, "mandatoryLangCodeISO639_1", "en")
-    for tag, key in (
-        ("uniqueIdentifier", "identifier"),
-        ("beginPerformanceDate", "begin"),
-        ("endPerformanceDate", "end"),
-        ("performanceLocation", "place"),
-    ):
-        _declared(core, tag, laboratory, f"certificate.{key}")
-    item = _add(_add(parent, "items"), "item")
-    _named(item, "name", "accelerometer")
-    if sensor.model:
-        _add(item, "model", " ".join(sensor.model.split()))
-    identifications = _add(item, "identifications")
-    if not sensor.serial:
-        identifications.append(_comment("MISSING: sensor.serial"))
-    _identified(identifications, "manufacturer", " ".join(sensor.serial.split()) or "missing", "serial number")
-    contact = _add(_add(parent, "calibrationLaboratory"), "contact")
-    _declared(contact, "name", laboratory, "laboratory.name", named=True)
-    _declared(_add(contact, "location"), "city", laboratory, "laboratory.city")
-    person = _add(_add(_add(parent, "respPersons"), "respPerson"), "person")
-    _declared(person, "name", laboratory, "responsible.name", named=True)
-    customer = _add(parent, "customer")
-    _declared(customer, "name", laboratory, "customer.name", named=True)
-    _declared(_add(customer, "location"), "city", laboratory, "customer.city")
-    statements = _add(parent, "statements")
-    text = "Draft: neither signed nor issued under an accreditation."
-    _named(_add(statements, "statement"), "declaration", text)
-    _declared(_add(statements, "statement"), "declaration", laboratory, "certificate.traceability", named=True)
+def _software(tag: str) -> ET.Element:
+    return _node(tag, _node("software", _named("name", "accelcal"), _node("release", __version__)))
 
 
-def _equipment(parent: ET.Element, laboratory: Laboratory) -> None:
+CORE = {
+    "uniqueIdentifier": "certificate.identifier",
+    "beginPerformanceDate": "certificate.begin",
+    "endPerformanceDate": "certificate.end",
+    "performanceLocation": "certificate.place",
+}
+"""Elements of the core data behind country and languages, in the order of the schema, with their keys."""
+
+
+def _administrative(sensor: Sensor, laboratory: Laboratory) -> ET.Element:
+    serial = " ".join(sensor.serial.split()) or "missing"
+    draft = "Draft: neither signed nor issued under an accreditation."
+    return _node(
+        "administrativeData",
+        _software("dccSoftware"),
+        _node(
+            "coreData",
+            *_declared("countryCodeISO3166_1", laboratory, "certificate.country"),
+            _node("usedLangCodeISO639_1", "en"),
+            _node("mandatoryLangCodeISO639_1", "en"),
+            *(node for tag, key in CORE.items() for node in _declared(tag, laboratory, key)),
+        ),
+        _node(
+            "items",
+            _node(
+                "item",
+                _named("name", "accelerometer"),
+                *([_node("model", " ".join(sensor.model.split()))] if sensor.model else []),
+                _node(
+                    "identifications",
+                    *([] if sensor.serial else [_comment("MISSING: sensor.serial")]),
+                    _identified("manufacturer", serial, "serial number"),
+                ),
+            ),
+        ),
+        _node(
+            "calibrationLaboratory",
+            _node(
+                "contact",
+                *_declared("name", laboratory, "laboratory.name", named=True),
+                _node("location", *_declared("city", laboratory, "laboratory.city")),
+            ),
+        ),
+        _node(
+            "respPersons",
+            _node("respPerson", _node("person", *_declared("name", laboratory, "responsible.name", named=True))),
+        ),
+        _node(
+            "customer",
+            *_declared("name", laboratory, "customer.name", named=True),
+            _node("location", *_declared("city", laboratory, "customer.city")),
+        ),
+        _node(
+            "statements",
+            _node("statement", _named("declaration", draft)),
+            _node("statement", *_declared("declaration", laboratory, "certificate.traceability", named=True)),
+        ),
+    )
+
+
+MARKS = {
+    "serial": ("manufacturer", "serial number"),
+    "certificate": ("other", "calibration certificate"),
+}
+"""Keys that identify a piece of equipment, with the issuer and the name of what they hold."""
+
+
+def _equipment(laboratory: Laboratory) -> list[ET.Element]:
+    """What was measured with, or a mark that it is missing."""
     if not laboratory.equipment:
-        parent.append(_comment("MISSING: equipment.name"))
-        return
-    pieces = _add(parent, "measuringEquipments")
+        return [_comment("MISSING: equipment.name")]
+    pieces = []
     for piece in laboratory.equipment:
-        item = _add(pieces, "measuringEquipment")
-        _named(item, "name", piece["equipment.name"])
-        if "equipment.model" in piece:
-            _add(item, "model", piece["equipment.model"])
-        kinds = (("serial", "manufacturer", "serial number"), ("certificate", "other", "calibration certificate"))
-        marks = [mark for mark in kinds if f"equipment.{mark[0]}" in piece]
-        listed = _add(item, "identifications") if marks else item
-        for key, issuer, name in marks:
-            _identified(listed, issuer, piece[f"equipment.{key}"], name)
+        marks = [
+            _identified(issuer, piece[f"equipment.{key}"], name)
+            for key, (issuer, name) in MARKS.items()
+            if f"equipment.{key}" in piece
+        ]
+        model = [_node("model", piece["equipment.model"])] if "equipment.model" in piece else []
+        identified = [_node("identifications", *marks)] if marks else []
+        pieces.append(_node("measuringEquipment", _named("name", piece["equipment.name"]), *model, *identified))
+    return [_node("measuringEquipments", *pieces)]
 
 
-def _identified(parent: ET.Element, issuer: str, value: str, name: str) -> None:
-    identification = _add(parent, "identification")
-    _add(identification, "issuer", issuer)
-    _add(identification, "value", value)
-    _named(identification, "name", name)
+def _identified(issuer: str, value: str, name: str) -> ET.Element:
+    return _node("identification", _node("issuer", issuer), _node("value", value), _named("name", name))
 
 
-def _measurement(parent: ET.Element, measurement: Measurement, laboratory: Laboratory) -> None:
-    _named(parent, "name", measurement.name)
-    method = _add(_add(parent, "usedMethods"), "usedMethod")
-    _named(method, "name", measurement.method)
-    _named(method, "description", measurement.description)
-    software = _add(_add(parent, "usedSoftware"), "software")
-    _named(software, "name", "accelcal")
-    _add(software, "release", __version__)
-    _equipment(parent, laboratory)
-    conditions = _add(parent, "influenceConditions")
-    for name, (low, high), unit in measurement.conditions:
-        condition = _add(conditions, "influenceCondition")
-        _named(condition, "name", f"range of {name}")
-        data = _add(condition, "data")
-        _quantity(data, Quantity(f"least {name}", low, unit))
-        _quantity(data, Quantity(f"largest {name}", high, unit))
-    results = _add(parent, "results")
-    for entry in measurement.results:
-        result = _add(results, "result")
-        _named(result, "name", entry.name)
-        _named(result, "description", entry.description)
-        data = _add(result, "data")
-        for quantity in entry.quantities:
-            _quantity(data, quantity)
-        if entry.table:
-            listed = _add(data, "list")
-            for column in entry.table:
-                _column(listed, column)
+def _measurement(measurement: Measurement, laboratory: Laboratory) -> ET.Element:
+    conditions = (
+        _node(
+            "influenceCondition",
+            _named("name", f"range of {name}"),
+            _node(
+                "data",
+                _quantity(Quantity(f"least {name}", low, unit)),
+                _quantity(Quantity(f"largest {name}", high, unit)),
+            ),
+        )
+        for name, (low, high), unit in measurement.conditions
+    )
+    results = (
+        _node(
+            "result",
+            _named("name", entry.name),
+            _named("description", entry.description),
+            _node(
+                "data",
+                *map(_quantity, entry.quantities),
+                *([_node("list", *map(_column, entry.table))] if entry.table else []),
+            ),
+        )
+        for entry in measurement.results
+    )
+    method = _named("name", measurement.method), _named("description", measurement.description)
+    return _node(
+        "measurementResult",
+        _named("name", measurement.name),
+        _node("usedMethods", _node("usedMethod", *method)),
+        _software("usedSoftware"),
+        *_equipment(laboratory),
+        _node("influenceConditions", *conditions),
+        _node("results", *results),
+    )
 
 
-def _si(parent: ET.Element, tag: str, **texts: str) -> ET.Element:
-    """An element of D-SI with elements of text in it."""
-    node = ET.SubElement(parent, f"{{{SI}}}{tag}")
+def _si(tag: str, **texts: str) -> ET.Element:
+    """An element of the schema of units, with texts by name."""
+    node = ET.Element(f"{{{SI}}}{tag}")
     for name, text in texts.items():
         ET.SubElement(node, f"{{{SI}}}{name}").text = text
     return node
 
 
-def _quantity(parent: ET.Element, entry: Quantity) -> None:
-    quantity = _add(parent, "quantity")
-    _named(quantity, "name", entry.name)
-    real = _si(quantity, "real", value=repr(entry.value), unit=UNITS[entry.unit])
+def _quantity(entry: Quantity) -> ET.Element:
+    real = _si("real", value=repr(entry.value), unit=UNITS[entry.unit])
     if entry.expanded is not None:
-        _si(
-            real,
+        expanded = _si(
             "expandedUnc",
             uncertainty=repr(entry.expanded),
             coverageFactor=f"{entry.factor or COVERAGE_FACTOR:.4g}",
             coverageProbability=PROBABILITY if entry.factor is None else PROBABILITY_OF_TWO,
         )
+        real.append(expanded)
+    return _node("quantity", _named("name", entry.name), real)
 
 
-def _column(parent: ET.Element, column: Column) -> None:
-    quantity = _add(parent, "quantity")
-    _named(quantity, "name", column.name)
+def _column(column: Column) -> ET.Element:
     values = " ".join(map(repr, column.values))
-    numbers = _si(quantity, "realListXMLList", valueXMLList=values, unitXMLList=UNITS[column.unit])
+    numbers = _si("realListXMLList", valueXMLList=values, unitXMLList=UNITS[column.unit])
     if column.expanded is not None:
-        _si(
-            numbers,
+        expanded = _si(
             "expandedUncXMLList",
             uncertaintyXMLList=" ".join(map(repr, column.expanded)),
             coverageFactorXMLList=" ".join(f"{k:.4g}" for k in column.factors),
             coverageProbabilityXMLList=PROBABILITY_OF_TWO,
         )
+        numbers.append(expanded)
+    return _node("quantity", _named("name", column.name), numbers)
 
 
 MOVED = (
