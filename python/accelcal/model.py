@@ -290,8 +290,7 @@ class Model(Result):
     @checked
     def reshaped(self, **values: float) -> Model:
         """Return the model with other values of some shape parameters, by names such as creep.tau."""
-        held = self.freeze(**values)
-        return replace(held, fixed=self.fixed)
+        return replace(self.freeze(**values), fixed=self.fixed)
 
     @checked
     def release(self, *names: str) -> Model:

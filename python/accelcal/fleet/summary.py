@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import quote
@@ -352,33 +352,33 @@ class Fleet(Storable):
     @property
     def sentences(self) -> list[str]:
         """What is remarkable, for people."""
-        said = [
-            f"{name} of {sensor} is outlying among {len(self.sensors)} sensors (p = {p:.1g})"
-            for sensor, name, p in self.outlying
-        ]
-        said += [
-            f"{chart.parameter} of {chart.sensor} ages: {chart.slope:.3g} ± {chart.slope_std:.2g} "
-            f"{self.parameters[chart.parameter].removeprefix('1')} per year".rstrip()
-            + f" (p = {chart.p_value:.1g})"
-            for chart in self.charts
-            if chart.ages
-        ]
-        said += [
-            f"{chart.parameter} of {chart.sensor}: {len(chart.outside)} of {len(chart.days)} runs beyond "
-            f"{LIMIT:g} standard deviations"
-            for chart in self.charts
-            if chart.outside and not chart.ages
-        ]
-        said += [
-            f"{name}: with the population as prior the next sensor needs {100.0 * share:.0f} % of the length of a "
-            "calibration"
-            for name in self.populations
-            if (share := self.share(name)) < NO_SHORTER
-        ]
         failed = len(self.errors)
-        if failed:
-            said.append(f"{failed} of {failed + len(self.files)} recordings could not be fitted")
-        return said
+        return [
+            *(
+                f"{name} of {sensor} is outlying among {len(self.sensors)} sensors (p = {p:.1g})"
+                for sensor, name, p in self.outlying
+            ),
+            *(
+                f"{chart.parameter} of {chart.sensor} ages: {chart.slope:.3g} ± {chart.slope_std:.2g} "
+                f"{self.parameters[chart.parameter].removeprefix('1')} per year".rstrip()
+                + f" (p = {chart.p_value:.1g})"
+                for chart in self.charts
+                if chart.ages
+            ),
+            *(
+                f"{chart.parameter} of {chart.sensor}: {len(chart.outside)} of {len(chart.days)} runs beyond "
+                f"{LIMIT:g} standard deviations"
+                for chart in self.charts
+                if chart.outside and not chart.ages
+            ),
+            *(
+                f"{name}: with the population as prior the next sensor needs {100.0 * share:.0f} % of the length of a "
+                "calibration"
+                for name in self.populations
+                if (share := self.share(name)) < NO_SHORTER
+            ),
+            *([f"{failed} of {failed + len(self.files)} recordings could not be fitted"] if failed else []),
+        ]
 
     def share(self, name: str) -> float:
         """Share of the length of a calibration that suffices for a parameter of the next sensor."""
@@ -485,8 +485,7 @@ def chart(sensor: str, name: str, days: Array, y: Array, std: Array, between: fl
 
 def corrected(chart: Chart, count: int) -> Chart:
     """The chart with its probability over all charts (Sidak)."""
-    p = over_all(chart.p_value, count)
-    return Chart(**{**{key: getattr(chart, key) for key in chart.__slots__}, "p_value": p})
+    return replace(chart, p_value=over_all(chart.p_value, count))
 
 
 MOST_NAMES = 20

@@ -256,8 +256,10 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     if isinstance(c, AxesContent):
         residual, drift = partial(comparison.residual_of_axes, c.judged), partial(comparison.coasting_of_axes, c.judged)
-        yield _both("residuals", "axes", "Measured − simulated, in one band.", residual)
-        yield _both("drifts", "axes", "One ordinate for all outputs.", drift)
+        yield from (
+            _both("residuals", "axes", "Measured − simulated, in one band.", residual),
+            _both("drifts", "axes", "One ordinate for all outputs.", drift),
+        )
         for axis, content in c.by_axis.items():
             for entry in entries(content):
                 yield replace(entry, name=f"{entry.name}-{axis}", section=f"{entry.section}-{axis}")
@@ -299,30 +301,23 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
             partial(diagnosis.error_reduction, nested, lacking=c.lacking),
         )
         compared = list(zip(nested.names, nested, strict=True))
-    yield Entry(
-        "overlays",
-        "falling",
-        f"{caption} Every model of the table; shaded: stretches of the largest residual.",
-        partial(timeline.overlay, compared),
-    )
-    yield _both("coasting", "falling", caption, partial(comparison.coasting, c.judged))
-    yield _both("simulated", "falling", caption, partial(comparison.simulated, c.judged))
+    every = f"{caption} Every model of the table; shaded: stretches of the largest residual."
     d, where = c.diagnosis, c.diagnosis.where
-    caption = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
-    band = f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one."
-    yield _both("tiles", "where", caption, partial(residuals.tiles, where))
-    yield _both("regions", "where", band, partial(residuals.regions, where))
-    yield Entry("residual", "where", caption, partial(comparison.accel_residual, where))
-    yield _both("one_step", "where", caption, partial(comparison.one_step, where))
-    yield Entry("spectrum", "where", caption, partial(residuals.spectrum, d.fit, where, d.channels))
-    yield Entry(
-        "whiteness",
-        "where",
-        caption,
-        partial(residuals.whiteness_plot, where),
-        partial(residuals.autocorrelation, where),
+    anew = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
+    band = f"{anew} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one."
+    whiteness, lags = partial(residuals.whiteness_plot, where), partial(residuals.autocorrelation, where)
+    yield from (
+        Entry("overlays", "falling", every, partial(timeline.overlay, compared)),
+        _both("coasting", "falling", caption, partial(comparison.coasting, c.judged)),
+        _both("simulated", "falling", caption, partial(comparison.simulated, c.judged)),
+        _both("tiles", "where", anew, partial(residuals.tiles, where)),
+        _both("regions", "where", band, partial(residuals.regions, where)),
+        Entry("residual", "where", anew, partial(comparison.accel_residual, where)),
+        _both("one_step", "where", anew, partial(comparison.one_step, where)),
+        Entry("spectrum", "where", anew, partial(residuals.spectrum, d.fit, where, d.channels)),
+        Entry("whiteness", "where", anew, whiteness, lags),
+        Entry("quantiles", "where", anew, partial(residuals.quantile_plot, where)),
     )
-    yield Entry("quantiles", "where", caption, partial(residuals.quantile_plot, where))
     if c.response is not None:
         yield _both(
             "sensitivity",

@@ -438,8 +438,10 @@ def importance(content: Content) -> list[str]:
 def apart(content: Content) -> list[dict[str, str]]:
     """Confounded effects, and the experiment that separates them."""
     d = content.diagnosis
-    ties = [(t, "on this record") for t in d.classes if len(t.members) > 1]
-    ties += [(t, "on this rig, as mounted") for t in d.inseparable]
+    ties = [
+        *((t, "on this record") for t in d.classes if len(t.members) > 1),
+        *((t, "on this rig, as mounted") for t in d.inseparable),
+    ]
     return [
         {
             "members": ", ".join(map(spelled, t.members)),
@@ -624,11 +626,11 @@ def example(content: Content) -> dict[str, Any] | None:
     sensor = fit.rig.sensor
     if applied.raw is not None:
         unit = applied.raw_unit
-        steps_.append(f"The instrument reads {number(applied.raw, 6)} {unit}.")
-        steps_.append(
+        steps_ += [
+            f"The instrument reads {number(applied.raw, 6)} {unit}.",
             f"Declared zero and scale: ({number(applied.raw, 6)} − {number(sensor.zero or 0.0, 6)}) {unit} / "
-            f"({number(sensor.scale or math.nan, 6)} {unit}/(m/s²)) = {number(applied.output, 8)} m/s²."
-        )
+            f"({number(sensor.scale or math.nan, 6)} {unit}/(m/s²)) = {number(applied.output, 8)} m/s².",
+        ]
     else:
         steps_.append(f"The output is {number(applied.output, 8)} m/s².")
     steps_.append(

@@ -299,8 +299,8 @@ def motion(
         )
     planned = replace(PROFILES[name](seconds, rng), name=name)
     if a_rms is not None:
-        return _within(_scaled(planned, planned.acceleration_rms, a_rms), v_max)
-    return planned if v_max is None else _scaled(planned, planned.top_speed, v_max)
+        return _within(_of_rms(planned, a_rms), v_max)
+    return planned if v_max is None else _of_top_speed(planned, v_max)
 
 
 def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLike, *, rest: float = 0.2) -> Motion:
@@ -351,6 +351,14 @@ def _scaled(planned: Motion, now: float, wanted: float) -> Motion:
     return planned.scaled(wanted / now)
 
 
+def _of_rms(planned: Motion, a_rms: float) -> Motion:
+    return _scaled(planned, planned.acceleration_rms, a_rms)
+
+
+def _of_top_speed(planned: Motion, v_max: float = STAGE_SPEED) -> Motion:
+    return _scaled(planned, planned.top_speed, v_max)
+
+
 def _within(planned: Motion, v_max: float | None) -> Motion:
     if v_max is not None and planned.top_speed > v_max:
         raise AccelcalError(
@@ -360,46 +368,23 @@ def _within(planned: Motion, v_max: float | None) -> Motion:
     return planned
 
 
-def _rest(seconds: float, rng: np.random.Generator) -> Motion:
-    return Motion((), seconds)
-
-
-def _tones(seconds: float, rng: np.random.Generator) -> Motion:
-    planned = Motion((_equal_acceleration(np.array(PAPER_TONES), rng),), seconds)
-    return planned.scaled(4.0 / planned.acceleration_rms)
-
-
-def _chirp(seconds: float, rng: np.random.Generator) -> Motion:
-    planned = Motion((Chirp(1.0, 1.0, 20.0, seconds),), seconds)
-    return planned.scaled(STAGE_SPEED / planned.top_speed)
-
-
 def _sine_steps(seconds: float, rng: np.random.Generator) -> Motion:
     if seconds < 20.0:
         raise AccelcalError(f"motion 'sine_steps' needs 20 s or more for its 16 steps: {seconds:g} s is too short.")
     rest = 0.05 * seconds / (len(THIRDS) + 1)
     planned = sine_steps(THIRDS, 1.0, 0.95 * seconds / len(THIRDS), rest=rest)
-    return replace(planned.scaled(STAGE_SPEED / planned.top_speed), seconds=seconds)
+    return replace(_of_top_speed(planned), seconds=seconds)
 
 
 def _sweep(seconds: float, rng: np.random.Generator) -> Motion:
     sweep = Sweep(1.0, THIRDS[0], THIRDS[-1], seconds)
-    planned = Motion((Windowed(sweep, 0.0, seconds, min(1.0, 0.1 * seconds)),), seconds)
-    return planned.scaled(STAGE_SPEED / planned.top_speed)
+    return _of_top_speed(Motion((Windowed(sweep, 0.0, seconds, min(1.0, 0.1 * seconds)),), seconds))
 
 
 def _moves(seconds: float, rng: np.random.Generator) -> Motion:
     if seconds < 3.0:
         raise AccelcalError(f"motion 'moves' needs 3 s or more for a move there and back: {seconds:g} s is too short.")
     return Motion(tuple(_point_to_point(0.0, seconds, rng)), seconds)
-
-
-def _bursts(seconds: float, rng: np.random.Generator) -> Motion:
-    return Motion(tuple(_random_burst(t, stop, rng) for t, stop in _slots(0.0, seconds, rng)), seconds)
-
-
-def _interleaved(seconds: float, rng: np.random.Generator) -> Motion:
-    return Motion(tuple(_alternate(0.0, seconds, rng)), seconds)
 
 
 def _rests(seconds: float, rng: np.random.Generator) -> Motion:
@@ -419,12 +404,14 @@ def _fast(seconds: float, rng: np.random.Generator) -> Motion:
 
 
 PROFILES: dict[str, Callable[[float, np.random.Generator], Motion]] = {
-    "rest": _rest,
-    "tones": _tones,
-    "chirp": _chirp,
+    "rest": lambda seconds, rng: Motion((), seconds),
+    "tones": lambda seconds, rng: _of_rms(Motion((_equal_acceleration(np.array(PAPER_TONES), rng),), seconds), 4.0),
+    "chirp": lambda seconds, rng: _of_top_speed(Motion((Chirp(1.0, 1.0, 20.0, seconds),), seconds)),
     "moves": _moves,
-    "bursts": _bursts,
-    "interleaved": _interleaved,
+    "bursts": lambda seconds, rng: Motion(
+        tuple(_random_burst(t, stop, rng) for t, stop in _slots(0.0, seconds, rng)), seconds
+    ),
+    "interleaved": lambda seconds, rng: Motion(tuple(_alternate(0.0, seconds, rng)), seconds),
     "rests": _rests,
     "fast": _fast,
     "sine_steps": _sine_steps,
