@@ -231,8 +231,8 @@ def standard_tests_item(plan: Plan) -> Item:
     rows: list[Row] = []
     for name, rig in RIGS.items():
         found = plan.repeat(f"standard tests {name}", 1, lambda rng, rig=rig: tested(rng, rig))[0]  # type: ignore[misc]
-        rows += [parameter_row(name, found, each) for each in TRUTH]
-        rows += [angle_row(name, rig, found), vibration_row(name, rig, found)]
+        rows += (parameter_row(name, found, each) for each in TRUTH)
+        rows += (angle_row(name, rig, found), vibration_row(name, rig, found))
     return Item(
         name="standard_tests",
         title=f"Tumble of {DWELLS} dwells of {DWELL:g} s, motion of {TEST_SECONDS:g} s, both in one fit",

@@ -362,19 +362,20 @@ def vibration_item(plan: Plan) -> Item:
     """Table I beside its substitute."""
     runs = plan.runs(RUNS, 5 * RUNS)
     cells = {(name, A): cell for A in AMPLITUDES for name, cell in table_row(plan, A, runs).items()}
-    rows = [_row(name, A, cells[name, A], runs) for name, A in SUBSTITUTE]
     found = {A: replayed(plan, A, plan.runs(REPLAYED, 10)) for A in AMPLITUDES}
-    rows += [_replay_row(each, A) for A, each in found.items()]
     without = None if plan.quick else replayed(plan, AMPLITUDES[-1], 10, with_noise=False)
-    rows.append(_nees_row(found, without))
-    rows.append(_ruin_row(cells, runs))
-    rows += _band_rows(plan, cells, runs)
-    rows.append(_order_row(cells, runs))
     return Item(
         name="vibration",
         title="Table I: relative rms error of K2 and K3 under vibration of 200 Hz, mean over 120 s",
         source="III-A2, Table I",
-        rows=tuple(rows),
+        rows=(
+            *(_row(name, A, cells[name, A], runs) for name, A in SUBSTITUTE),
+            *(_replay_row(each, A) for A, each in found.items()),
+            _nees_row(found, without),
+            _ruin_row(cells, runs),
+            *_band_rows(plan, cells, runs),
+            _order_row(cells, runs),
+        ),
     )
 
 
