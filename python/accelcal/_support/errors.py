@@ -147,8 +147,7 @@ def _folders() -> Iterator[str]:
 
     with suppress(OSError):
         yield tempfile.gettempdir()
-    yield os.curdir
-    yield os.path.expanduser("~")
+    yield from (os.curdir, os.path.expanduser("~"))
 
 
 def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
@@ -156,10 +155,12 @@ def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
     import shlex
     from importlib import metadata
 
-    yield "An error of accelcal. This file holds no recorded data and no text of exceptions."
-    yield ""
-    yield f"command: {shlex.join(command)}"
-    yield f"python: {platform.python_version()} ({platform.python_implementation()}), {platform.platform()}"
+    yield from (
+        "An error of accelcal. This file holds no recorded data and no text of exceptions.",
+        "",
+        f"command: {shlex.join(command)}",
+        f"python: {platform.python_version()} ({platform.python_implementation()}), {platform.platform()}",
+    )
     for name in (PACKAGE.name, *PACKAGES):
         try:
             yield f"{name}: {metadata.version(name)}"
@@ -167,8 +168,7 @@ def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
             yield f"{name}: not installed"
     visited: BaseException | None = error
     while visited is not None:
-        yield ""
-        yield f"{type(visited).__module__}.{type(visited).__qualname__}, raised through"
+        yield from ("", f"{type(visited).__module__}.{type(visited).__qualname__}, raised through")
         places = [
             _place(f.f_code.co_filename, line, f.f_code.co_qualname) for f, line in _frames(visited.__traceback__)
         ]

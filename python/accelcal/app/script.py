@@ -22,8 +22,7 @@ def python(state: State) -> str:
     lines = ["import accelcal as ac", *summarised, *asked, "", *loads]
     for run, name in named.pairs:
         lines += loading(run, name, named)
-    lines += division(state, named)
-    lines += responding
+    lines += [*division(state, named), *responding]
     if not state.path:
         return "\n".join([*lines, *(f"print(summarise({n}))" for r, n in named.pairs if r.recording)]) + "\n"
     names = [f"m{i}" for i in range(len(state.path))]
@@ -168,9 +167,11 @@ def command_line(state: State) -> str:
         )
     if names:
         option = state.own_files
-        lines.append(f"accelcal diagnose {names[-1]} {data}{option}")
-        lines.append(f"accelcal compare {' '.join((*names, *unseen))}{option}")
-        lines.append(f"accelcal report {names[-1]} {moving[0]} --holdout {unseen[0]}{option} -o report.html")
+        lines += [
+            f"accelcal diagnose {names[-1]} {data}{option}",
+            f"accelcal compare {' '.join((*names, *unseen))}{option}",
+            f"accelcal report {names[-1]} {moving[0]} --holdout {unseen[0]}{option} -o report.html",
+        ]
     return "\n".join(lines) + "\n"
 
 

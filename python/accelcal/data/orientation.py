@@ -471,8 +471,10 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
         slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
         path[rows] = forward * arm * angle[rows] + pulled + slipped
         gravity[rows] = pull - quick + g * along * np.sin(axle)
-        turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
-        turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
+        turn = [
+            (sine, cosine * rate, cosine * alpha - sine * rate**2),
+            (cosine, -sine * rate, -sine * alpha - cosine * rate**2),
+        ]
         twice, once = np.sin(2.0 * theta), np.cos(2.0 * theta)
         cones = [(twice, once, cosine), (once, -twice, -sine)]
         stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)

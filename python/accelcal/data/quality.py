@@ -310,15 +310,15 @@ def _unrounded(name: str, t: Array) -> tuple[Array, list[Finding]]:
     moved = clock.explains(step)
     if not moved and (clock.spread < step or step > 0.5 * clock.period):  # spacings are multiples of the step, or gaps
         return t, []
-    text = (
-        f"{name}: the time stamps are rounded to {1e3 * step:.6g} ms, which alone errs by "
-        f"{1e3 * rounding_std(step):.2g} ms rms: "
-    )
-    text += (
+    used = (
         f"one clock of {1.0 / clock.period:.6g} Hz explains all of them and its instants are used; "
         "where stamps are cut off instead of rounded, every one is early by half a step"
         if moved
         else "no uniform clock explains them, so the stamps are kept; record them with more digits"
+    )
+    text = (
+        f"{name}: the time stamps are rounded to {1e3 * step:.6g} ms, which alone errs by "
+        f"{1e3 * rounding_std(step):.2g} ms rms: {used}"
     )
     if not moved:
         return t, [Finding(ROUNDED, name, len(t), float(t[0]), text, "warning", step, 0.0, rounding_std(step))]
@@ -754,12 +754,8 @@ def summarise(recording: Recording) -> str:
     more = ", ..." if len(summary["rest_s"]) > 3 else ""
     if recording.dwells is not None:
         lines.append(f"  dwells: {len(recording.dwells)} of {recording.dwells.name}, fitted together with the motion")
-    lines.append(f"  orientation: {_ORIENTATIONS[summary['orientation']]}")
-    lines.append(
-        f"  at rest: {instant(total)} s in {len(summary['rest_s'])} stretches ({stretches}{more})"
-        if total
-        else "  at rest: never"
-    )
+    at_rest = f"{instant(total)} s in {len(summary['rest_s'])} stretches ({stretches}{more})" if total else "never"
+    lines += [f"  orientation: {_ORIENTATIONS[summary['orientation']]}", f"  at rest: {at_rest}"]
     for severity in ("warning", "note"):
         lines += [f"  {severity}: {finding.text}" for finding in recording.findings if finding.severity == severity]
     return "\n".join(lines + [f"  assumed: {sentence}" for sentence in summary["assumptions"]])

@@ -208,10 +208,12 @@ class Finding:
         evidence = [] if self.sigma is None else [f"{self.sigma:.0f} sigma"]
         units = {name: shape.unit for name, shape in find(self.effect).shapes.items()}
         waves = [f"{name} {in_usual_unit(value, units[name], 4)}" for name, value in self.wave.items()]
-        parts = [", ".join([*([self.size] if self.size else []), *waves, *evidence])]
-        parts += [self.remark] if find(self.effect).port == "process" else []
-        parts += [self.group.parts.text] if self.group.parts.text else []
-        parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
+        parts = (
+            ", ".join([*([self.size] if self.size else []), *waves, *evidence]),
+            self.remark if find(self.effect).port == "process" else "",
+            self.group.parts.text,
+            f"confounded with {', '.join(self.rivals)}" if self.rivals else "",
+        )
         text = "; ".join(filter(None, parts))
         return f" ({text})" if text else ""
 

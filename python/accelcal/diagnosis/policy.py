@@ -481,8 +481,8 @@ def markdown() -> str:
     for entry in thresholds():
         if entry.group != group:
             group = entry.group
-            parts += ["", f"**{group[0].upper()}{group[1:]}**", "", "| threshold | value | decides | because | guard |"]
-            parts.append("|---|---|---|---|---|")
+            title, head = f"**{group[0].upper()}{group[1:]}**", "| threshold | value | decides | because | guard |"
+            parts += ["", title, "", head, "|---|---|---|---|---|"]
         parts.append(
             f"| `{entry.name}` | {entry.value:g} {entry.unit} | {entry.decides} | {entry.reason} | `{entry.guard}` |"
         )

@@ -172,11 +172,11 @@ def cards(effects: Iterable[Effect]) -> str:
         "",
         "| effect | symbol | unit of the coefficient | acts by | owner | refined |",
         "|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| [{e.name}](#{e.name}) | {_cell(e.symbol)} | {e.unit} | {PORTS[e.port]} | {e.owner} | "
-        + f"{', '.join(name for name, shape in e.shapes.items() if shape.refined) or '–'} |"
-        for e in effects
+        *(
+            f"| [{e.name}](#{e.name}) | {_cell(e.symbol)} | {e.unit} | {PORTS[e.port]} | {e.owner} | "
+            + f"{', '.join(name for name, shape in e.shapes.items() if shape.refined) or '–'} |"
+            for e in effects
+        ),
     ]
     for e in effects:
         lines += ["", *card(e).splitlines()]

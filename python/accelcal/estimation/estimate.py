@@ -192,11 +192,9 @@ class Fit(Result):
     covariance; empty where no shape was estimated."""
 
     def __repr__(self) -> str:
-        parts_text = [
-            f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
-        ]
-        parts_text += [f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}" for e in self.noise_effects]
-        return f"Fit({', '.join(name for name, _ in self.sources)}: {', '.join(parts_text)})"
+        several: tuple[Estimate | NoiseEffect, ...] = (*self.estimates, *self.shapes, *self.noise_effects)
+        values = ", ".join(f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in several)
+        return f"Fit({', '.join(name for name, _ in self.sources)}: {values})"
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the (first) estimate called `name`."""
@@ -676,30 +674,33 @@ def result(solution: Solution) -> Fit:
     estimates, covariance_of_means, spreads, at_shapes = over_runs(solution)
     called = [run.recording.title for run in runs]
     remarks = [
-        remark("imposed_band", recording=name, band=b)
-        for name, b in zip(called, solution.chosen, strict=False)
-        if b is not None
+        *(
+            remark("imposed_band", recording=name, band=b)
+            for name, b in zip(called, solution.chosen, strict=False)
+            if b is not None
+        ),
+        *(
+            remark("measured_spectrum", recording=name)
+            for name, state in zip(called, states, strict=True)
+            if state.spectrum is not None and state.band is None
+        ),
+        *(
+            remark("changes_with_band", recording=name, text=text)
+            for name, tried in zip(called, solution.by_band, strict=False)
+            if (text := change_with_band(tried))
+        ),
+        *judge(layout, x, covariance, states),
+        *(
+            remark("not_observable", recording=run.recording.title, filters=names(high_passes(run.rig.filters)))
+            for run in runs
+            if not run.rig.coupled
+        ),
+        *mostly_prior(layout, covariance, model),
+        *against_priors(layout, x, covariance, model),
+        *far_zeros(estimates, runs),
+        *(remark("on_bound", text=text) for text in on_bounds(solution)),
+        *(remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs),
     ]
-    remarks += [
-        remark("measured_spectrum", recording=name)
-        for name, state in zip(called, states, strict=True)
-        if state.spectrum is not None and state.band is None
-    ]
-    remarks += [
-        remark("changes_with_band", recording=name, text=text)
-        for name, tried in zip(called, solution.by_band, strict=False)
-        if (text := change_with_band(tried))
-    ]
-    remarks += judge(layout, x, covariance, states)
-    remarks += [
-        remark("not_observable", recording=run.recording.title, filters=names(high_passes(run.rig.filters)))
-        for run in runs
-        if not run.rig.coupled
-    ]
-    remarks += [*mostly_prior(layout, covariance, model), *against_priors(layout, x, covariance, model)]
-    remarks += far_zeros(estimates, runs)
-    remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
-    remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
         seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())
         for s in states

@@ -292,10 +292,12 @@ def covariates_of(recordings: Sequence[Recording], unit: str) -> list[Covariate]
     if all(date is not None for date in dates) and len(set(dates)) > 2:
         t = np.array(dates, dtype=np.float64)
         t = t - np.min(t)
-        covariates.append(Covariate("line", t[:, None], unit=f"{unit} per day"))
-        covariates.append(Covariate("logarithm", np.log(t / DAY_ONE + 1.0)[:, None], unit=f"{unit} per factor e"))
         shared = np.minimum.outer(t, t)
-        covariates.append(Covariate("walk", np.empty((len(t), 0)), shared / float(np.mean(np.diag(shared)))))
+        covariates += [
+            Covariate("line", t[:, None], unit=f"{unit} per day"),
+            Covariate("logarithm", np.log(t / DAY_ONE + 1.0)[:, None], unit=f"{unit} per factor e"),
+            Covariate("walk", np.empty((len(t), 0)), shared / float(np.mean(np.diag(shared)))),
+        ]
     for name in ("mounting", "operator"):
         labels = [getattr(recording.labels, name) for recording in recordings]
         kinds = sorted(set(labels))

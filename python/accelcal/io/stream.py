@@ -662,8 +662,10 @@ class _Columns:
         clock = self.plan.sources[self.channels[0]].time
         assert clock is not None  # `of` found it
         assert clock.column is not None
-        sources = {"time": Source(clock.column, clock.unit)}
-        sources |= {name: self.plan.sources[name] for name in self.channels}
+        sources = {
+            "time": Source(clock.column, clock.unit),
+            **{name: self.plan.sources[name] for name in self.channels},
+        }
         return {
             name: in_si(self.table, self.plan, name, source, self.declared.rig, rows[:, i])
             for i, (name, source) in enumerate(sources.items())

@@ -164,8 +164,9 @@ def linearity(
     remarks = [
         _of_harmonic(steps, gain, sized, 2, "K2", "(m/s²)⁻¹"),
         _of_harmonic(steps, gain, sized, 3, "K3", "(m/s²)⁻²"),
+        _rectification(steps) if coupled else None,
+        _compression(steps, gain, sized),
     ]
-    remarks += [_rectification(steps) if coupled else None, _compression(steps, gain, sized)]
     return tuple(term for term in remarks if term is not None)
 
 

@@ -117,10 +117,12 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
         elif counts[name] and (in_full or e not in unused):
             rows.append({**estimate_row(fit, e), "where": at_zero(fit, e.name)})
             rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name == e.name and e.run in (None, mean.run)]
-    rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name not in counts]
-    rows += [estimate_row(fit, e, "shape") for e in fit.shapes]
-    rows += [noise_row(effect) for effect in fit.noise_effects]
-    return tuple(rows)
+    return (
+        *rows,
+        *(mean_row(fit, mean) for mean in fit.at_mean if mean.name not in counts),
+        *(estimate_row(fit, e, "shape") for e in fit.shapes),
+        *map(noise_row, fit.noise_effects),
+    )
 
 
 def axes_table(fit: Fit, worded: Callable[[Row], str] = lambda row: row["worded"]) -> Table:

@@ -424,8 +424,7 @@ def dictionary(motion: Signals, grid: Grid) -> Array:
             yield from map(part.inside, hats(y[rows], low, high, KNOTS))
         for y, low, high in carried:
             for hat in hats(y[rows], low, high, COARSE):
-                yield part.inside(motion.a[rows] * hat)
-                yield part.inside(motion.v[rows] * hat)
+                yield from (part.inside(y[rows] * hat) for y in (motion.a, motion.v))
         stretch = motion.part(rows)
         yield from (part.inside(effect.column(stretch)) for effect in effects)
 

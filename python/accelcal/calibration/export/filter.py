@@ -646,9 +646,12 @@ def read(plan: Program) -> None:
     belief.move(p)
     belief.v, belief.theta = belief.v + v, [x + y for x, y in zip(belief.theta, moved, strict=True)]
     belief.add_outer(over(1.0, leaf("@share#")), p, v, moved)
-    plan.correction = {f"@{name}": x for name, x in belief.fields().items()}
-    plan.correction |= {f"@gathered[{at}]": 0.0 for at, x in enumerate(gathered) if isinstance(x, Symbol)}
-    plan.correction |= {"@share": 0.0, **watching.begun(plan, belief)}
+    plan.correction = {
+        **{f"@{name}": x for name, x in belief.fields().items()},
+        **{f"@gathered[{at}]": 0.0 for at, x in enumerate(gathered) if isinstance(x, Symbol)},
+        "@share": 0.0,
+        **watching.begun(plan, belief),
+    }
 
 
 KEPT = ("before", "here", "memory", "reached", "way", "mixed", "slope")
@@ -1142,8 +1145,7 @@ def rust_resume(text: Text) -> str:
     kind, step = text.writer.type(), text.writer.literal(text.plan.live.settings["dt"])
     length = f"let gap = {step} * (missed as {kind} + 1.0); // up to the sample behind it, s"
     wait = "".join(f"        {line}\n" for line in ([length, *text.stages[5]] if text.stages[5] else []))
-    lasting = [name for name in text.sizes if name in LASTING]
-    lasting += text.counters
+    lasting = [*(name for name in text.sizes if name in LASTING), *text.counters]
     fields = "\n".join(f"            {name}: self.{name}," for name in lasting)
     interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
     return f"""\
