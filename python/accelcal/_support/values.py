@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, FrozenInstanceError, fields, is_dataclass
 from importlib import import_module
 from numbers import Number
@@ -71,6 +71,33 @@ def alike(a: Any, b: Any) -> bool:
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(alike, a, b))
     return bool(a == b)
+
+
+def leaves(
+    part: Any, where: str = "", rule: str = "", *, whole: tuple[type, ...] = ()
+) -> Iterator[tuple[str, str, Any]]:
+    """Numbers, texts and whatever else holds nothing further, in fields, mappings, sequences and arrays.
+
+    Each comes with its path, such as runs[1].noise, and the path without numbers and keys, in which a key is a name;
+    what is an instance of a class in `whole` is taken as it is.
+    """
+    below: list[tuple[str, str, Any]] = []
+    if is_dataclass(part) and not isinstance(part, (type, *whole)):
+        below += (
+            (f"{where}.{f.name}".lstrip("."), f"{rule}.{f.name}".lstrip("."), getattr(part, f.name))
+            for f in fields(part)
+        )
+    elif isinstance(part, Mapping):
+        for key, value in part.items():
+            below += ((where, f"{rule}.name", key), (f"{where}.{key}", rule, value))
+    elif isinstance(part, tuple | list):
+        below += ((f"{where}[{i}]", rule, value) for i, value in enumerate(part))
+    elif hasattr(part, "dtype") and not isinstance(part, type):  # an array, or a number of one
+        below.append((where, rule, part.tolist()))
+    else:
+        yield where, rule, part
+    for place, kind, value in below:
+        yield from leaves(value, place, kind, whole=whole)
 
 
 def short_repr(value: type[Value]) -> type[Value]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from accelcal._core import __version__
 from accelcal._support.arguments import checked
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
-from accelcal._support.values import face, listing
+from accelcal._support.values import face, leaves, listing
 from accelcal.effects import CATALOGUE, Effect, find, side_channel
 from accelcal.effects.guard import LONGEST
 from accelcal.effects.mechanisms import unit_of_channel
@@ -278,32 +278,18 @@ def require_consistent(fit: Fit) -> None:
 Found = Iterator[tuple[str, str]]
 
 
-def _leaves(part: Any, where: str = "", rule: str = "") -> Found:
-    """Numbers out of their range and texts that a terminal would obey; `rule` is the path without numbers and keys."""
-    if isinstance(part, Effect):
-        return
-    if is_dataclass(part):
-        for field in fields(part):
-            below = getattr(part, field.name)
-            yield from _leaves(below, f"{where}.{field.name}".lstrip("."), f"{rule}.{field.name}".lstrip("."))
-    elif isinstance(part, Mapping):
-        for key, below in part.items():
-            yield from _leaves(key, where, f"{rule}.name")
-            yield from _leaves(below, f"{where}.{key}", rule)
-    elif isinstance(part, tuple | list):
-        for i, below in enumerate(part):
-            yield from _leaves(below, f"{where}[{i}]", rule)
-    elif isinstance(part, np.ndarray):
-        yield from _leaves(part.tolist(), where, rule)
-    elif isinstance(part, str):
-        most = LONGEST if rule.rpartition(".")[2] in NAMES else LONGEST_TEXT
-        if len(part) > most or OBEYED_IN_NAMES.search(part):
-            yield where, f"expected a text of at most {most} characters, without control characters"
-    elif isinstance(part, float | int) and not isinstance(part, bool):
-        low, high = RANGES.get(rule, (-LARGEST, LARGEST))
-        signed = low == 0.0 and math.copysign(1.0, part) < 0.0
-        if (math.isfinite(part) or rule not in UNKNOWN) and (signed or not low <= part <= high):
-            yield where, f"found {part:.10g}, expected a number from {low:.10g} to {high:.10g}"
+def _leaves(fit: Fit) -> Found:
+    """Numbers out of their range and texts that a terminal would obey."""
+    for where, rule, leaf in leaves(fit, whole=(Effect,)):
+        if isinstance(leaf, str):
+            most = LONGEST if rule.rpartition(".")[2] in NAMES else LONGEST_TEXT
+            if len(leaf) > most or OBEYED_IN_NAMES.search(leaf):
+                yield where, f"expected a text of at most {most} characters, without control characters"
+        elif isinstance(leaf, float | int) and not isinstance(leaf, bool):
+            low, high = RANGES.get(rule, (-LARGEST, LARGEST))
+            signed = low == 0.0 and math.copysign(1.0, leaf) < 0.0
+            if (math.isfinite(leaf) or rule not in UNKNOWN) and (signed or not low <= leaf <= high):
+                yield where, f"found {leaf:.10g}, expected a number from {low:.10g} to {high:.10g}"
 
 
 def _once(fit: Fit) -> Found:

@@ -7,7 +7,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import ClassVar
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from accelcal._core import __version__
 from accelcal._support.errors import AccelcalError, optional
 from accelcal._support.result import Storable
+from accelcal._support.values import leaves
 from accelcal.calibration.characteristic import COVERAGE_FACTOR, STATIC, Characteristic, LeftOut, characteristic
 from accelcal.calibration.export.approximate import (
     DOUBLE,
@@ -53,8 +54,8 @@ def require_finite(parts: Mapping[str, object]) -> None:
         Naming the first part with a number that is not finite.
     """
     for words, part in parts.items():
-        for value in numbers(part):
-            if not math.isfinite(value):
+        for _, _, value in leaves(part):
+            if isinstance(value, float) and not math.isfinite(value):
                 raise NotExportable(
                     f"{words} {'is not a number' if math.isnan(value) else 'is infinite'}, so nothing is exported; fit "
                     "the model again: accelcal fit RUN.csv -o MODEL.json"
@@ -78,23 +79,6 @@ def require_covariance(P: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> 
             "the covariance of the parameters is not positive semi-definite, so no uncertainty follows from it and "
             "nothing is exported; fit the model again: accelcal fit RUN.csv -o MODEL.json"
         )
-
-
-def numbers(part: object) -> Iterator[float]:
-    """Every number in a part, however deep."""
-    if isinstance(part, float | np.floating):
-        yield float(part)
-    elif isinstance(part, np.ndarray):
-        yield from part.astype(np.float64).ravel().tolist()
-    elif isinstance(part, Mapping):
-        for value in part.values():
-            yield from numbers(value)
-    elif is_dataclass(part) and not isinstance(part, type):
-        for entry in fields(part):
-            yield from numbers(getattr(part, entry.name))
-    elif isinstance(part, Sequence) and not isinstance(part, str):
-        for value in part:
-            yield from numbers(value)
 
 
 MOST_ERRORS = 3
@@ -460,8 +444,8 @@ def reading(c: Calibration) -> str:
 def validity(c: Calibration) -> str:
     """Where the bounds hold."""
     low, high = c.domain.acceleration
-    text = f"{low:.6g} m/s^2 to {high:.6g} m/s^2 (readings {c.double.inverse.low:.6g} to {c.double.inverse.high:.6g} "
-    text += f"{unit(c.unit)}"
+    readings = f"{c.double.inverse.low:.6g} to {c.double.inverse.high:.6g} {unit(c.unit)}"
+    text = f"{low:.6g} m/s^2 to {high:.6g} m/s^2 (readings {readings}"
     w = c.double.inverse.warmth
     if w is None:
         return f"{text})"
@@ -473,32 +457,31 @@ def left_out(c: Calibration) -> list[str]:
     return [f"{effect.effect} {effect.why}" for effect in c.left_out] or ["nothing"]
 
 
-def sentences(c: Calibration) -> Iterator[tuple[str, list[str]]]:
-    """Headings and the sentences under them."""
-    yield (
-        "",
-        [
+def sentences(c: Calibration) -> dict[str, Sequence[str]]:
+    """Sentences by the heading above them; the first ones have none."""
+    least, most = c.std
+    beyond = "Beyond the range of readings acceleration is extrapolated in a straight line and a flag is returned."
+    if c.double.inverse.warmth is not None:
+        beyond += (
+            " Beyond the range of temperature the bias is extrapolated in a straight line, the scale factor is held, "
+            "and another flag is returned."
+        )
+    return {
+        "": [
             f"From a reading of {sensor_name(c)} ({c.unit}) to specific force along its input axis (m/s^2), gravity "
             "included.",
             f"Written by accelcal {__version__} from {c.source or 'a fit'}; the model is in forward sense (IEEE 1293)"
             f"{f', T from {c.own.reference:.6g} degC' if c.own.needs_temperature else ''}:",
             f"{equation(c)}; {reading(c)}.",
         ],
-    )
-    yield (
-        "Parameters, with standard uncertainties from the fit",
-        [
+        "Parameters, with standard uncertainties from the fit": [
             f"{e.symbol} = {e.value:.9g} {unit(e.unit)}".rstrip()
             + (f", {e.std:.2g}" if e.std > 0.0 else ", held")
             + f" ({e.name})"
             for e in c.estimates
         ],
-    )
-    least, most = c.std
-    yield "Valid for", [validity(c)]
-    yield (
-        "Error inside that range",
-        [
+        "Valid for": [validity(c)],
+        "Error inside that range": [
             f"Distance from the exact inverse of the model, proven: at most {upwards(c.double.bound)} m/s^2 in double, "
             f"{upwards(c.single.bound)} m/s^2 in float, rounding included, for the number that is passed in, with "
             "IEEE 754 arithmetic, fused or not.",
@@ -506,24 +489,17 @@ def sentences(c: Calibration) -> Iterator[tuple[str, list[str]]]:
             f"(expanded uncertainty, coverage factor 2: {COVERAGE_FACTOR * most:.2g} m/s^2); noise of the reading and "
             "declared uncertainties of the rig come on top.",
         ],
-    )
-    beyond = "Beyond the range of readings acceleration is extrapolated in a straight line and a flag is returned."
-    if c.double.inverse.warmth is not None:
-        beyond += " Beyond the range of temperature the bias is extrapolated in a straight line, the scale factor is "
-        beyond += "held, and another flag is returned."
-    yield "Outside", [beyond]
-    yield "Not applied", left_out(c)
-    yield "Note", list(c.remarks) or ["nothing"]
-    yield (
-        "Fitted to",
-        [f"{name}, SHA-256 {digest}" for name, digest in c.fit.sources],
-    )
+        "Outside": [beyond],
+        "Not applied": left_out(c),
+        "Note": c.remarks or ["nothing"],
+        "Fitted to": [f"{name}, SHA-256 {digest}" for name, digest in c.fit.sources],
+    }
 
 
 def comment(c: Calibration) -> list[str]:
     """All of that as lines of text without comment marks."""
     lines: list[str] = []
-    for heading, texts in sentences(c):
+    for heading, texts in sentences(c).items():
         lines += ["", f"{heading}:"] if heading else []
         for text in texts:
             indent = "  " if heading else ""
