@@ -66,7 +66,7 @@ def test_each_output_has_its_verdict_and_add_names_it(bench, tmp_path):
     (tmp_path / "again").mkdir()
     again = Workbench(tmp_path / "again")
     again.open(work)
-    assert [step.label for step in again.state.steps] == ["base", "+ cubic_on_y"]
+    assert [step.change.label for step in again.state.steps] == ["base", "+ cubic_on_y"]
     assert len(again.state.train) == 3
 
 

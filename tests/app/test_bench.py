@@ -79,7 +79,7 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
 
 def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     after = grown.state.step.heldout
-    drawn = before_after(grown.before(), after, grown.state.step.label)
+    drawn = before_after(grown.before(), after, grown.state.step.change.label)
     sizes = [float(panel.title.partition(": ")[2].removesuffix(" σ")) for panel in drawn.panels]
     assert sizes[0] > 20.0
     assert sizes[1] < 4.5  # twelve bins of noise reach that once in 10 000 records
@@ -181,7 +181,7 @@ def test_undo_redo_remove_and_branch(bench, files):
     both = bench.state
     bench.drop("quadratic")
     assert bench.state.step.fit.model.added == ("cubic",)
-    assert bench.state.step.label == "− quadratic"
+    assert bench.state.step.change.label == "− quadratic"
     bench.undo()
     assert bench.state is both
     bench.redo()
@@ -190,7 +190,7 @@ def test_undo_redo_remove_and_branch(bench, files):
     bench.drop("cubic")
     base, *branches = bench.state.steps
     assert {s.parent for s in branches} == {base.key}
-    assert [s.label for s in bench.state.path] == ["base", "− cubic"]
+    assert [s.change.label for s in bench.state.path] == ["base", "− cubic"]
     before = bench.state
     bench.drop("nothing")
     assert "not an added effect" in bench.sentence
@@ -564,7 +564,7 @@ def test_a_lag_of_the_size_of_a_low_pass_is_declared_with_one_click(bench, tmp_p
     bench.declare_low_pass(200.0)
     assert bench.sentence == ""
     assert bench.state.run.recording.rig.lowpass == ac.LowPass(200.0)
-    assert [step.label for step in bench.state.path] == ["base", "+ cubic"]
+    assert [step.change.label for step in bench.state.path] == ["base", "+ cubic"]
     assert (bench.state.run.excluded, bench.state.run.held_out) == (((2.0, 3.0),), before.run.held_out)
     lag = bench.state.step.fit["time_offset"]
     assert before.step.fit["time_offset"].value == pytest.approx(1.0 / (2.0 * np.pi * 200.0), rel=0.02)

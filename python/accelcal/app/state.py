@@ -346,7 +346,7 @@ class Change:
 
     @property
     def label(self) -> str:
-        """What distinguishes the model from its parent, for people."""
+        """What distinguishes the model from its parent, for people: base, + cubic, bias fixed."""
         texts = {"base": "base", "add": f"+ {self.name}", "drop": f"− {self.name}"}
         return texts.get(self.kind) or f"{self.name} {'fixed' if self.kind == 'hold' else 'free'}"
 
@@ -384,11 +384,6 @@ class Step:
     """Against each held-out recording, in their order."""
     moving: tuple[tracks.Path, ...] = ()
     """Coefficients that its processes and mechanisms move, over the first fitted recording."""
-
-    @property
-    def label(self) -> str:
-        """What distinguishes this model from its parent, for people: base, + cubic, bias fixed."""
-        return self.change.label
 
     @property
     def heldout(self) -> Evaluation:
@@ -468,7 +463,7 @@ class State:
         """A model with all that led to it, for people: base + cubic, bias fixed."""
         by_key = {s.key: s for s in self.steps}
         parent = None if step.parent is None else by_key[step.parent]
-        return step.label if parent is None else f"{self.named(parent)} {step.label}"
+        return step.change.label if parent is None else f"{self.named(parent)} {step.change.label}"
 
     @property
     def models(self) -> dict[str, Fit]:

@@ -93,7 +93,7 @@ def path_of(state: State, number: int | None = None) -> Comparison:
     evaluations = evaluations if number is None else evaluations[number : number + 1]
     return Comparison(
         tuple(step.fit for step in state.path),
-        tuple(step.label for step in state.path),
+        tuple(step.change.label for step in state.path),
         tuple(group[0].recording for group in evaluations),
         evaluations,
         state.holds_out_parts,
@@ -102,7 +102,7 @@ def path_of(state: State, number: int | None = None) -> Comparison:
 
 def labelled(step: Step) -> str:
     """What distinguishes a model from its parent, with effect names as words."""
-    return " ".join(map(spelled, step.label.split()))
+    return " ".join(map(spelled, step.change.label.split()))
 
 
 def falling(state: State, theme: ThemeName) -> Picture:

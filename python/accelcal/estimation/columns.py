@@ -262,13 +262,6 @@ class ColumnFilter:
         """Columns over a stretch, as `column_parts` yields them."""
         return column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, held)
 
-    def whole(self, terms: Sequence[Term]) -> Array:
-        """Sums of a few whitened columns over the whole run, (terms, rows)."""
-        sums = np.empty((len(terms), self.rows))
-        for rows, part in self.stretches(terms):
-            sums[:, rows] = part
-        return sums
-
     def _stretches(self, columns: int) -> list[slice]:
         """Readings in stretches that each hold whole groups, few enough for their memory."""
         rows = max(1, min(MOST_SUMS // max(1, columns), MOST_READINGS // self.group))

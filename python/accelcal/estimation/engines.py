@@ -414,7 +414,7 @@ def coloured_rows(spectrum: MeasuredSpectrum, sums: ColumnFilter | WeakRows, ter
     """Sums of the whole run, whitened by a spectrum."""
     whiten = whitener(spectrum, sums.rate)
     of, columns = vars(sums).pop(COLUMNS, ((), None))
-    return sums.times, whiten(columns if of == tuple(terms) else sums.whole(terms)).T, whiten(sums.whitened)
+    return sums.times, whiten(columns if of == tuple(terms) else whole_columns(sums, terms)).T, whiten(sums.whitened)
 
 
 COLUMNS = "columns"
@@ -452,6 +452,14 @@ def sums_of(state: RunState) -> ColumnFilter | WeakRows:
     return ENGINES[state.run.engine].sums(state)
 
 
+def whole_columns(sums: ColumnFilter | WeakRows, terms: Sequence[Term]) -> Array:
+    """A few whitened columns over the whole run, (terms, rows)."""
+    columns = np.empty((len(terms), sums.rows))
+    for rows, part in sums.stretches(terms):
+        columns[:, rows] = part
+    return columns
+
+
 def settle_dwells(state: RunState, model: Model, steps: int = 1) -> None:
     """Move the angle zeros of the dwells of a run on by some Newton steps; at first they are 0."""
     dwells, of_dwells = state.run.recording.dwells, state.of_dwells
@@ -470,7 +478,7 @@ def spectrum_of(state: RunState, terms: Sequence[Term], *, keep: bool = False) -
     y = sums.whitened
     if not coloured and white(measured_spectrum(y, sums.rate, crossover)):
         return None
-    X = sums.whole(terms)
+    X = whole_columns(sums, terms)
     vars(sums)[COLUMNS] = tuple(terms), X
     size = np.sqrt(np.maximum(np.sum(X**2, axis=1), 1e-300))
     if not len(y) or not np.all(np.isfinite(size)) or not np.isfinite(y @ y):

@@ -17,6 +17,7 @@ from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import BUILT_IN, Effect, find, is_local
 from accelcal.estimation.columns import CHUNK, ColumnFilter, whitened_columns
+from accelcal.estimation.engines import whole_columns
 from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -76,7 +77,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_for_any_stretches(
     items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
     column_filter = ColumnFilter(fitted)
-    found, expected = column_filter.whole(terms), plain_sums(fitted, terms, column_filter.group)
+    found, expected = whole_columns(column_filter, terms), plain_sums(fitted, terms, column_filter.group)
     assert found.shape == expected.shape
     size = np.sqrt(np.mean(expected**2, axis=1))
     worst = np.max(np.abs(found - expected), axis=1) / np.maximum(size, 1e-300)

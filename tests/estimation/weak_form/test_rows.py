@@ -15,7 +15,7 @@ import accelcal as ac
 from accelcal.data.rig import ChannelFilter
 from accelcal.effects.registry import find
 from accelcal.estimation import engines
-from accelcal.estimation.engines import ENGINES, sums_of, with_noise
+from accelcal.estimation.engines import ENGINES, sums_of, whole_columns, with_noise
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.values import Noise
@@ -69,7 +69,7 @@ def test_estimates_and_uncertainties_are_those_of_the_replay(motion: str) -> Non
     """A step from the estimates of the replay at the noise of the weak form's own likelihood goes nowhere."""
     found = solution(motion)
     rows = with_noise(WeakRows(found.states[0]))
-    X, y = rows.whole(found.model.free), rows.whitened
+    X, y = whole_columns(rows, found.model.free), rows.whitened
     covariance = np.linalg.inv(X @ X.T)
     std = np.sqrt(np.diag(found.covariance))
     moved, ratio = covariance @ (X @ y) / std, np.sqrt(np.diag(covariance)) / std
@@ -103,7 +103,7 @@ def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(weak, "TOGETHER", 10**6)
     rows = WeakRows(state)
     terms = [*with_memory("self_heating", "encoder_lag"), *MODEL.terms, *with_memory("hysteresis")]
-    whole, y = rows.whole(terms), rows.whitened
+    X, y = whole_columns(rows, terms), rows.whitened
     monkeypatch.setattr(weak, "TOGETHER", 500)
     monkeypatch.setattr(weak, "MOST_READINGS", 2000)
     monkeypatch.setattr(weak, "MOST_SUMS", 3 * rows.rows // 2)
@@ -111,7 +111,7 @@ def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = list(again.stretches(terms))
     assert len(parts) > 8
     assert np.allclose(again.whitened, y, rtol=0.0, atol=1e-6)
-    assert np.allclose(np.concatenate([part for _, part in parts], axis=1), whole, rtol=1e-6, atol=1e-6)
+    assert np.allclose(np.concatenate([part for _, part in parts], axis=1), X, rtol=1e-6, atol=1e-6)
 
 
 def with_memory(*names: str) -> list[Term]:

@@ -518,7 +518,7 @@ def fitting(page: Page) -> None:
             f"Estimates bias, scale factor and time offset{what_is_fitted(state)}, then searches for missing effects."
         )
     else:
-        ui.label(f"Current model: {' '.join(s.label for s in state.path)}.")
+        ui.label(f"Current model: {' '.join(step.change.label for step in state.path)}.")
     with ui.row().classes("line"):
         widgets.button(
             "Fit" if state.step is None else "Refit",

@@ -15,7 +15,7 @@ from accelcal.data import Array, Places, unit_diagonal
 from accelcal.diagnosis.search.hypotheses import Hypothesis, jump_response, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.estimation.columns import distinct
-from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
+from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of, whole_columns
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate
@@ -151,11 +151,11 @@ class BaseProjection:
         drawn = {name: prior.std for name, prior in model.priors.items() if name in processes}
         stds = [*(drawn.get(term.name, np.inf) for term in plain), *(std for _, std in uncertain)]
         self.prior_information: Array = np.array(stds) ** -2.0
-        self.B: Array = self.column_filter.whole(terms)
+        self.B: Array = whole_columns(self.column_filter, terms)
         self.y: Array = self.column_filter.whitened
         if given_back:
             sizes = np.array([state.values.by_name[term.name] for term in given_back])
-            self.y = self.y + sizes @ self.column_filter.whole(given_back)
+            self.y = self.y + sizes @ whole_columns(self.column_filter, given_back)
         scale_rows = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
         self.motion = float(sum(row @ row for row in scale_rows))
         """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""

@@ -321,13 +321,6 @@ class WeakRows:
         near, weights = self._of_grid(part) if output else self._of_readings(part, POSITION_ORDER)
         return near, (weights if usable.all() else weights[usable]) * (-self._gain if output else 1.0)
 
-    def whole(self, terms: Sequence[Term]) -> Array:
-        """A few whitened columns over the whole run, (terms, rows)."""
-        sums = np.empty((len(terms), self.rows))
-        for rows, part in self.stretches(terms):
-            sums[:, rows] = part
-        return sums
-
     def _smoothed(self) -> Signals:
         """The motion smoothed by these rows: the share of either channel is then that of the innovations, so that the
         error of the regressors is not correlated with them.
