@@ -321,8 +321,13 @@ def fault_remarks(listed: Sequence[Fault], length: float, name: str) -> tuple[Re
         together = len(members) > LISTED_SINGLY
         for part in [members] if together else [[fault] for fault in members]:
             longest = max(part, key=lambda fault: abs(fault.size))
-            values: dict[str, Value] = {"recording": name, "channel": channel, "count": len(part)}
-            values |= {"longest": longest.size, "time": longest.time}
+            values: dict[str, Value] = {
+                "recording": name,
+                "channel": channel,
+                "count": len(part),
+                "longest": longest.size,
+                "time": longest.time,
+            }
             if kind in LASTING:
                 values["share"] = 100.0 * sum(fault.size for fault in part) / length
             remarks.append(remark(kind, **values) if together else Remark(kind, f"{name}: {longest.sentence}", values))

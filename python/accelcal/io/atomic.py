@@ -129,14 +129,14 @@ class Part:
         """Whether nothing was there."""
         self._descriptor = -1
         self._old: Path | None = None
-        self.path = _free_name(self._folder)
+        self.path = free_name(self._folder)
         """The part; not there before `create`, and never after `discard`."""
 
     def create(self) -> None:
         """Make the part, empty, with the permissions of what it replaces."""
         _sweep(self._folder)
         while (descriptor := locks.create(self.path)) is None:
-            self.path = _free_name(self._folder)
+            self.path = free_name(self._folder)
         self._descriptor = descriptor
         if self._mode is not None:
             with suppress(OSError):  # a file system without permissions
@@ -150,7 +150,7 @@ class Part:
     def keep_old(self) -> None:
         """Keep what `publish` replaces within reach of `withdraw`, where the file system has hard links."""
         if not self.straight:
-            self._old = _free_name(self.target.parent)
+            self._old = free_name(self.target.parent)
             try:
                 os.link(self.target, self._old)
             except OSError:  # nothing there, or no hard links
@@ -169,10 +169,6 @@ class Part:
             os.replace(self._old, self.target)
         elif self.is_new:
             self.target.unlink(missing_ok=True)
-
-    def free_name(self) -> Path:
-        """A name in its folder that nobody has and that is swept after a kill."""
-        return _free_name(self._folder)
 
     def discard(self) -> None:
         """Remove what is not a file that the user asked for."""
@@ -260,7 +256,8 @@ def _publish(parts: list[Part]) -> None:
             _settle(folder, os.O_RDONLY)
 
 
-def _free_name(folder: Path) -> Path:
+def free_name(folder: Path) -> Path:
+    """A name in a folder that nobody has and that is swept after a kill."""
     return folder / f".accelcal-{locks.MACHINE}{os.urandom(8).hex()}.part"
 
 

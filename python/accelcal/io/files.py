@@ -36,8 +36,13 @@ def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes
     with in_words(path, expected):
         status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
-        kinds = {stat.S_IFDIR: "directory", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
-        kinds |= {stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
+        kinds = {
+            stat.S_IFDIR: "directory",
+            stat.S_IFIFO: "pipe",
+            stat.S_IFSOCK: "socket",
+            stat.S_IFCHR: "device",
+            stat.S_IFBLK: "device",
+        }
         kind = kinds.get(stat.S_IFMT(status.st_mode))
         raise RecordingError(f"{shown(path)}: this is {f'a {kind}' if kind else 'no regular file'}; give {expected}.")
     if most is not None and status.st_size > most:

@@ -140,11 +140,15 @@ def declared_of_two(
     columns = [naming.column_name(f"attitude.{name}", "1") for name in QUATERNION]
     senses = {name: value for name, value in declared["attitude"].items() if name not in ("columns", "time")}
     tables["channels"]["attitude"] = {"columns": columns, **senses}
-    tables["clock"] = {"offset_tolerance": f"{_offset_left(rig, alignment, channels)!r} s"}
-    tables["clock"] |= {"trusted": rig.trusted_clock} if rig.trusted_clock else {}
+    tables["clock"] = {
+        "offset_tolerance": f"{_offset_left(rig, alignment, channels)!r} s",
+        **({"trusted": rig.trusted_clock} if rig.trusted_clock else {}),
+    }
     rate = _uncertainty_of(rig, alignment).clock_rate
-    tables["uncertainty"] = {k: v for k, v in tables.get("uncertainty", {}).items() if k != "clock_rate"}
-    tables["uncertainty"] |= {"clock_rate": rate} if rate is not None else {}
+    tables["uncertainty"] = {
+        **{k: v for k, v in tables.get("uncertainty", {}).items() if k != "clock_rate"},
+        **({"clock_rate": rate} if rate is not None else {}),
+    }
     before = [finding for content in (output, body) for finding in content.get("run", {}).get("noticed", ())]
     tables["run"] = {**tables.get("run", {}), **({"noticed": before} if before else {})}
     return tables

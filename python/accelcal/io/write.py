@@ -38,7 +38,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.io import naming
-from accelcal.io.atomic import Part, atomic, atomic_write, named
+from accelcal.io.atomic import Part, atomic, atomic_write, free_name, named
 from accelcal.io.files import content_of, digest_of
 from accelcal.io.loading import Body
 from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_of, toml_text
@@ -456,7 +456,7 @@ class _Copy:
 
     def take(self, path: Path) -> None:
         """Become the file under this name, at once."""
-        name = self.part.free_name()
+        name = free_name(self.part.path.parent)
         os.link(self.part.path, name)
         try:
             os.replace(name, os.path.realpath(path))

@@ -75,8 +75,10 @@ def _(recording: Recording) -> tuple[Columns, str]:
 @series.register
 def _(dwells: Dwells) -> tuple[Columns, str]:
     units = {"angle": "rad", "mean": "m/s²", "std": "m/s²", "duration": "s", "samples": "", "group": ""}
-    columns: Columns = {"dwell": (np.arange(len(dwells)), "")}
-    columns |= {key: (getattr(dwells, key), unit) for key, unit in units.items()}
+    columns: Columns = {
+        "dwell": (np.arange(len(dwells)), ""),
+        **{key: (getattr(dwells, key), unit) for key, unit in units.items()},
+    }
     if dwells.temperature is not None:
         columns["temperature"] = (dwells.temperature, "degC")
     return columns, dwells.name

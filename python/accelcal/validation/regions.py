@@ -218,9 +218,13 @@ def spans(several: Iterable[Array]) -> list[tuple[Array, float, float]]:
 
 def fitted_variables(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
     """Variables of the motion that have a fitted range, with their units."""
-    variables = {"a": (motion.a, "m/s²"), "v": (motion.v, "m/s"), "p": (motion.p + fit.origins.p, "m")}
-    variables |= {
-        name: (y + fit.origins.of(name), "degC" if name == "temperature" else "") for name, y in motion.side.items()
+    variables = {
+        "a": (motion.a, "m/s²"),
+        "v": (motion.v, "m/s"),
+        "p": (motion.p + fit.origins.p, "m"),
+        **{
+            name: (y + fit.origins.of(name), "degC" if name == "temperature" else "") for name, y in motion.side.items()
+        },
     }
     return {key: value for key, value in variables.items() if key in fit.validity}
 

@@ -114,9 +114,9 @@ def rows_of(step: Step, values: RunValues) -> list[list[widgets.Cell]]:
         of_run = {e.name: amount(e.value, e.std, e.unit) for e in step.fit.estimates if e.run == r}
         values_of_run = [of_run.get(name, "") for name in own_names(step)]
         rows.append([run, *shared, *spreads, *values_of_run, density(step.fit.runs[r].noise.all.density)])
-    p_values = [f"p {probability(float(p))}" for p in values.p_values]
-    p_values += [f"p {probability(spread.p_value)}" for spread in step.fit.spreads]
-    return [*rows, ["one value in all", *p_values, *[""] * (len(own_names(step)) + 1)]]
+    p_values = (*values.p_values, *(spread.p_value for spread in step.fit.spreads))
+    in_all = [f"p {probability(float(p))}" for p in p_values]
+    return [*rows, ["one value in all", *in_all, *[""] * (len(own_names(step)) + 1)]]
 
 
 def dwells_sentence(fit: DwellFit) -> str:

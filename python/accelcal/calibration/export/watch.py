@@ -184,8 +184,12 @@ def begun(plan: Program, belief: Belief) -> dict[str, Any]:
         return {}
     settings, leaf = plan.live.settings, plan.graph.leaf
     pv, sample = belief.upv * belief.d[1], settings["q"] / settings["dt"]
-    start = {(0, 0): belief.upv * pv + belief.d[0], (0, 1): pv, (1, 1): belief.d[1]}
-    start |= {(i, i): sample for i in range(2, STATES)}
+    start = {
+        (0, 0): belief.upv * pv + belief.d[0],
+        (0, 1): pv,
+        (1, 1): belief.d[1],
+        **{(i, i): sample for i in range(2, STATES)},
+    }
     waiting, places = at_most(leaf("@white#"), 0.0), {f"@W[{PAIRS.index(pair)}]": x for pair, x in start.items()}
     return {"@white": sample} | {name: select(waiting, x, leaf(f"{name}#")) for name, x in places.items()}
 

@@ -18,6 +18,7 @@ from accelcal.data import Array, Places
 from accelcal.data.arrays import stretch_about
 from accelcal.diagnosis.noise.residuals import BlockSpectra, Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
+from accelcal.diagnosis.search.homogeneity import different
 from accelcal.effects import Effect
 from accelcal.estimation.noise import NoiseEffect, NoiseScore, NoiseSpectrum
 from accelcal.signals.processing import cosine_window
@@ -287,9 +288,7 @@ def flatness(power: Array, variable: Array, edges: int = 10) -> float:
     used = count > 1
     means = np.bincount(bins, weights=power, minlength=edges)[used] / count[used]
     spread = float(np.var(power)) / count[used]
-    level = float(np.sum(means / spread) / np.sum(1.0 / spread))
-    statistic = float(np.sum((means - level) ** 2 / np.maximum(spread, 1e-300)))
-    return float(scipy.special.chdtrc(int(np.sum(used)) - 1, statistic))
+    return float(different(means, 1.0 / np.maximum(spread, 1e-300)))
 
 
 def total_with_std(gain: Array) -> tuple[float, float]:
