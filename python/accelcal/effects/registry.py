@@ -6,7 +6,8 @@ import difflib
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections import UserDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from accelcal.signals.signals import Signals
 Entry = TypeVar("Entry")
 
 
-class Catalogue(MutableMapping[str, Entry]):
+class Catalogue(UserDict[str, Entry]):
     """Entries by name, in the order of entry.
 
     There is one for the process. Inside :meth:`apart` the same object is another one, for whoever runs in that context
@@ -46,24 +47,10 @@ class Catalogue(MutableMapping[str, Entry]):
             self._apart.reset(token)
 
     @property
-    def _entries(self) -> dict[str, Entry]:
+    def data(self) -> dict[str, Entry]:  # type: ignore[override]
+        """What the mapping holds in this context."""
         entries = self._apart.get()
         return self._common if entries is None else entries
-
-    def __getitem__(self, name: str) -> Entry:
-        return self._entries[name]
-
-    def __setitem__(self, name: str, entry: Entry) -> None:
-        self._entries[name] = entry
-
-    def __delitem__(self, name: str) -> None:
-        del self._entries[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
-
-    def __len__(self) -> int:
-        return len(self._entries)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self)})"
