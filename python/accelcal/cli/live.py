@@ -6,12 +6,11 @@ import functools
 import math
 import time
 from collections import deque
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from rich.console import Group
+    from rich.live import Live
 
     from accelcal.estimation.estimate import Fit
     from accelcal.io.stream import ByteSource
@@ -168,14 +168,6 @@ class Lines:
         self.source, self.every = source, every
         self._next = time.monotonic() + every
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing is left to do."""
-
     @property
     def due(self) -> bool:
         """Whether it is time to show something; asked often."""
@@ -227,21 +219,10 @@ class JsonLines(Lines):
 class Screen(Lines):
     """A table that is drawn anew several times a second."""
 
-    def __init__(self, source: str) -> None:
-        from rich.live import Live
-
+    def __init__(self, source: str, drawn: Live) -> None:
         super().__init__(source, REFRESH)
-        self._live = Live(auto_refresh=False)
+        self._live = drawn
         self._alarms: deque[measuring.Alarm] = deque(maxlen=MOST_ALARMS)
-
-    def __enter__(self) -> Self:
-        self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._live.__exit__(kind, error, trace)
 
     def show(self, state: sessions.LiveState) -> None:
         """Draw what is known."""
@@ -456,13 +437,19 @@ def refuse_replacing(output: Path) -> None:
             raise UsageError(f"--output {output}: {path}: there is a {what} already; give another name")
 
 
-def face_of(source: str, every: float, *, json: bool) -> Lines:
+@contextmanager
+def face_of(source: str, every: float, *, json: bool) -> Iterator[Lines]:
     """JSON where it is asked for, a screen in a terminal, lines elsewhere."""
     from rich.console import Console
+    from rich.live import Live
 
     if json:
-        return JsonLines(source, every)
-    return Screen(source) if Console().is_terminal else Lines(source, every)
+        yield JsonLines(source, every)
+    elif Console().is_terminal:
+        with Live(auto_refresh=False) as drawn:
+            yield Screen(source, drawn)
+    else:
+        yield Lines(source, every)
 
 
 def require_small_noise(state: sessions.LiveState, save: Path) -> None:
