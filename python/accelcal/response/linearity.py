@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data import Array, Channel, usual_step
+from accelcal.response.parametric import Parameter
 from accelcal.response.sine import Point, Reference, SineFit, SineStep, fit_sines, student, within
 from accelcal.signals.processing import NEARLY_NYQUIST, Spectrum
 
@@ -129,18 +130,11 @@ def _noise(fits: tuple[SineFit, SineFit], reference: Reference, value: complex, 
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """One coefficient of the sensor's curve, by one way of measuring it."""
+class Term(Parameter):
+    """One coefficient of the sensor's curve, K2 or K3, by one way of measuring it."""
 
-    name: str
-    """K2 or K3."""
     source: str
     """harmonic 2, harmonic 3, rectification, or fundamental."""
-    unit: str
-    value: float
-    std: float
-    expanded: float
-    """k = 2"""
     count: int
     """Steps that it was taken from."""
 
@@ -196,7 +190,7 @@ def _mean(name: str, source: str, unit: str, values: list[float], weights: list[
         excess = float(np.sum(np.array(weights) * (np.array(values) - value) ** 2)) / (len(values) - 1)
         if excess > 1.0:
             std, degrees = std * math.sqrt(excess), float(len(values) - 1)
-    return Term(name, source, unit, value, std, student(max(degrees, 1.0)) * std, len(values))
+    return Term(name, unit, value, std, student(max(degrees, 1.0)) * std, source, len(values))
 
 
 def _rectification(steps: Sequence[Harmonics]) -> Term | None:
@@ -211,7 +205,7 @@ def _rectification(steps: Sequence[Harmonics]) -> Term | None:
     variance = float(np.sum((y - columns @ coefficients) ** 2)) / degrees
     std = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[1, 1]))
     expanded = student(degrees) * std
-    return Term("K2", "rectification", "(m/s²)⁻¹", float(coefficients[1]), std, expanded, len(x))
+    return Term("K2", "(m/s²)⁻¹", float(coefficients[1]), std, expanded, "rectification", len(x))
 
 
 def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], sized: float) -> Term | None:
@@ -241,4 +235,4 @@ def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], 
     if information <= 0.0:
         return None
     value, std = float(np.sum(w * xs * ys)) / information, 1.0 / math.sqrt(information)
-    return Term("K3", "fundamental", "(m/s²)⁻²", value, std, student(degrees) * std, degree)
+    return Term("K3", "(m/s²)⁻²", value, std, student(degrees) * std, "fundamental", degree)
