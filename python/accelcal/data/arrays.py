@@ -101,6 +101,17 @@ def unit_diagonal(A: Array) -> tuple[Array, Array]:
     return A / np.outer(size, size), size
 
 
+def batches(count: int, most: int) -> list[slice]:
+    """So many rows in stretches of at most `most`; the last has what is left.
+
+    Examples
+    --------
+    >>> batches(5, 2)
+    [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
+    """
+    return [slice(begin, min(begin + most, count)) for begin in range(0, count, most)]
+
+
 def runs_of(flags: Flags) -> NDArray[np.intp]:
     """First index of each run of flags (n,) that hold, and the index behind its last, (k, 2).
 

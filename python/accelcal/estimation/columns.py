@@ -10,7 +10,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from accelcal import _core
-from accelcal.data import LEVERS, Array, Places
+from accelcal.data import LEVERS, Array, Places, batches
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
@@ -47,7 +47,7 @@ def whitened_columns(state: RunState, terms: Sequence[Term]) -> Iterator[tuple[s
     """
     columns = evaluated(state, terms)
     response = np.zeros((len(terms), 2))
-    for readings in chunks(state):
+    for readings in batches(len(state.run.t), CHUNK):
         grid = grid_rows(state, readings)
         bank = bank_of(state, readings, grid_times(state, grid))
         sums = np.empty((len(terms), bank.rows))
@@ -82,7 +82,7 @@ def whitened_accelerations(state: RunState, columns: Sequence[Array], step: floa
     step : their spacing, s.
     """
     grid, inputs = (float(state.run.t[0]), step, len(columns[0])), list(columns)
-    banks = (bank_of(state, readings, grid) for readings in chunks(state))
+    banks = (bank_of(state, readings, grid) for readings in batches(len(state.run.t), CHUNK))
     return joined(state, len(inputs), ((bank, partial(bank.carry_inputs, inputs, 1.0)) for bank in banks))
 
 
@@ -93,7 +93,7 @@ def whitened_reading_errors(state: RunState, columns: Sequence[Array]) -> Array:
         bank = bank_of(state, readings, grid_times(state, grid_rows(state, readings)))
         return bank, partial(bank.carry_readings, [column[readings] for column in columns])
 
-    return joined(state, len(columns), map(carried, chunks(state)))
+    return joined(state, len(columns), map(carried, batches(len(state.run.t), CHUNK)))
 
 
 def joined(state: RunState, width: int, stretches: Iterable[tuple[_core.Bank, Carry]]) -> Array:
@@ -133,12 +133,6 @@ def responses(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
     """
     for term, column in zip(terms, evaluate(terms, s), strict=True):
         yield column * (1.0 + s.slope / s.scale) if term.effect.needs == LEVERS else column
-
-
-def chunks(state: RunState) -> Iterator[slice]:
-    """All readings in stretches of `CHUNK`."""
-    n = len(state.run.t)
-    return (slice(begin, min(begin + CHUNK, n)) for begin in range(0, n, CHUNK))
 
 
 def grid_rows(state: RunState, readings: slice) -> slice:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags, root_mean_square
+from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags, batches, root_mean_square
 from accelcal.data.orientation import HOLE
 from accelcal.effects import is_local
 from accelcal.estimation.drive import DriveIntegrals
@@ -129,8 +129,8 @@ def periodograms(y: Array, rate: float, segment: int) -> tuple[Array, Array]:
     window = cosine_window(segment)
     segments = np.lib.stride_tricks.sliding_window_view(y, segment)[:: segment - segment // 2]
     total, largest = np.zeros(segment // 2 + 1), np.zeros(segment // 2 + 1)
-    for begin in range(0, len(segments), BATCH):
-        part = segments[begin : begin + BATCH]
+    for batch in batches(len(segments), BATCH):
+        part = segments[batch]
         spectra = scipy.fft.rfft((part - part.mean(axis=1, keepdims=True)) * window, axis=1)
         density = 2.0 * (spectra.real**2 + spectra.imag**2) / (rate * float(window @ window))
         total += density.sum(axis=0)

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data import DERIVED, Array, Channel, ChannelFilter, median_step
+from accelcal.data import DERIVED, Array, Channel, ChannelFilter, batches, median_step
 from accelcal.signals.series import lagrange_weights
 
 Section = tuple[float, float, float]
@@ -268,21 +268,21 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
         return np.array([np.interp(at, t, row) for row in rows]).reshape(*y.shape[:-1], len(at))
     values = np.empty((len(rows), len(at)))
     most = 3.0 * EVEN * median_step(t[:4096])
-    for begin in range(0, len(at), CUBIC_STRETCH):
-        times = at[begin : begin + CUBIC_STRETCH]
+    for part in batches(len(at), CUBIC_STRETCH):
+        times = at[part]
         first = np.searchsorted(t, times, side="right") - 2
         inside = np.flatnonzero((first >= 0) & (first < len(t) - 3))
         inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
         if len(inside) < len(times):
             for value, row in zip(values, rows, strict=True):
-                value[begin : begin + CUBIC_STRETCH] = np.interp(times, t, row)
+                value[part] = np.interp(times, t, row)
         times, first = times[inside], first[inside]
         if len(first) and np.all(np.diff(first) == 1):  # nothing is gathered where both series go on alike
             four: list[slice | NDArray[np.intp]] = [slice(first[0] + k, first[-1] + 1 + k) for k in range(4)]
         else:
             four = [first + k for k in range(4)]
         weights = lagrange_weights([t[k] - times for k in four])
-        values[:, begin + inside] = sum(weight * rows[:, k] for weight, k in zip(weights, four, strict=True))
+        values[:, part.start + inside] = sum(weight * rows[:, k] for weight, k in zip(weights, four, strict=True))
     return values.reshape(*y.shape[:-1], len(at))
 
 
@@ -315,11 +315,10 @@ def spline(t: Array, y: Array, at: Array) -> Array:
 def by_stretches(fitted: Callable[[Array, Array], Curve], t: Array, y: Array, at: Array) -> Array:
     """Values at rising times `at` (m,) of a spline through samples (n,), which is solved for stretch by stretch."""
     values = np.empty(len(at))
-    for begin in range(0, len(t), SPLINE_STRETCH):
-        end = min(len(t), begin + SPLINE_STRETCH)
-        rows = slice(max(0, begin - SPLINE_MARGIN), min(len(t), end + SPLINE_MARGIN))
-        low = 0 if begin == 0 else int(np.searchsorted(at, t[begin]))
-        high = len(at) if end == len(t) else int(np.searchsorted(at, t[end]))
+    for part in batches(len(t), SPLINE_STRETCH):
+        rows = slice(max(0, part.start - SPLINE_MARGIN), min(len(t), part.stop + SPLINE_MARGIN))
+        low = 0 if part.start == 0 else int(np.searchsorted(at, t[part.start]))
+        high = len(at) if part.stop == len(t) else int(np.searchsorted(at, t[part.stop]))
         values[low:high] = fitted(t[rows], y[rows])(at[low:high])
     return values
 

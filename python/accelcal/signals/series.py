@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.data import Array, Flags, runs_of
+from accelcal.data import Array, Flags, batches, runs_of
 
 HOLE_LEAST = 1.5
 """Spacings of samples from which on an interval counts as a gap."""
@@ -142,7 +142,7 @@ def running_median(y: Array, reach: int, ends: Literal["edge", "symmetric"]) -> 
     """Median of each sample and of `reach` on either side, (n,); beyond an end its value is held, or all mirrored."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, reach, mode=ends), 2 * reach + 1)
     median = np.empty(len(y), dtype=y.dtype)
-    for part in (slice(begin, begin + TOGETHER) for begin in range(0, len(y), TOGETHER)):
+    for part in batches(len(y), TOGETHER):
         median[part] = np.partition(windows[part], reach, axis=1)[:, reach]
     return median
 

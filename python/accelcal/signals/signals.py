@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._support.values import listing
-from accelcal.data import GRAVITY, Array, Rig
+from accelcal.data import GRAVITY, Array, Rig, batches
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +109,8 @@ class Signals:
         side = {name: np.empty_like(t) for name in self.side}
         p, v, a, jerk = (np.empty_like(t) for _ in range(4))
         copy = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side, slope=0.0)
-        for begin in range(0, len(t), RESAMPLED):
-            self._write(copy.at(slice(begin, begin + RESAMPLED)))
+        for rows in batches(len(t), RESAMPLED):
+            self._write(copy.at(rows))
         return copy
 
     def _write(self, target: Signals) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags, Places
+from accelcal.data import Array, Flags, Places, batches
 from accelcal.signals.processing import recursive_filter
 from accelcal.signals.series import grid_step, interpolation_errors, local_spread
 
@@ -167,7 +167,7 @@ def jumps_at(t: Array, u: Array, spread: Array, places: Places, step: float, tau
     """Those of some samples that a jump explains; `spread` (n,) is the noise of each sample, of `prediction_scores`,
     the other parameters are as of `jumps`."""
     peaks = places[(places >= HALF_WINDOW) & (places < len(u) - HALF_WINDOW) & (len(u) >= 4 * HALF_WINDOW)]
-    parts = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
+    parts = [classified(t, u, spread, peaks[rows], step, tau) for rows in batches(len(peaks), CHUNK)]
     if not parts:
         return NO_JUMPS
     row = np.concatenate(parts)

@@ -32,6 +32,7 @@ from accelcal.data import (
     Reference,
     Rig,
     Sensor,
+    batches,
     integrated,
 )
 from accelcal.data.recording import ORDERS
@@ -390,7 +391,7 @@ def _low_passed(sensed: Callable[[Array], Array], t: Array, dt: float, tau: floa
     nodes, weights = 0.5 * dt * (1.0 + x), 0.5 * dt * w
     weights = weights * np.exp(-(dt - nodes) / tau) / tau
 
-    blocks = [starts[i : i + _BLOCK] for i in range(0, len(starts), _BLOCK)]
+    blocks = [starts[rows] for rows in batches(len(starts), _BLOCK)]
     drive = np.concatenate([sensed((b[:, None] + nodes).ravel()).reshape(len(b), count) @ weights for b in blocks])
     decay = math.exp(-dt / tau)
     drive[0] += decay * sensed(starts[:1])[0]  # at rest before that, in equilibrium

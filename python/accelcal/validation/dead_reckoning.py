@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data import GRAVITY, Array
+from accelcal.data import GRAVITY, Array, batches
 from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.values import Values
@@ -179,8 +179,7 @@ class DeadReckoning:
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""
         nodes = horizon / self.known.step + 3.0
-        size = max(1, int(HELD / nodes))
-        return [slice(begin, begin + size) for begin in range(0, count, size)]
+        return batches(count, max(1, int(HELD / nodes)))
 
     def displacement(
         self, starts: Starts, t: Array, limit: float = math.inf, floor: bool = True

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags, Recording, median_step, root_mean_square, within_spans
+from accelcal.data import Array, Flags, Recording, batches, median_step, root_mean_square, within_spans
 from accelcal.effects import begins_rested, find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, after_readings, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels, settled_state
@@ -417,8 +417,8 @@ class Prediction(DrivenRun):
         if len(at) == 0:
             return None
         squares = 0.0
-        for begin in range(0, len(at), RESAMPLED):
-            starts = at[begin : begin + RESAMPLED]
+        for batch in batches(len(at), RESAMPLED):
+            starts = at[batch]
             ends = starts + k
             error = self.run.readings[ends] - self._predict(starts, ends[:, None], rezero=False)[0][:, 0]
             squares += float(error @ error)

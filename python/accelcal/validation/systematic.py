@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Recording, median_step, within_spans
+from accelcal.data import Array, Recording, batches, median_step, within_spans
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import Source, recording_of
@@ -154,8 +154,8 @@ class Grid:
     def blocks(self, length: int) -> Iterator[tuple[slice, Grid]]:
         """Stretches of a motion of so many samples, and the samples in each on the grid of that stretch."""
         margin = math.ceil(2.0 * EDGE / (self.band * self.step))
-        for begin in range(0, len(self.at), BLOCK):
-            at = self.at[begin : begin + BLOCK]
+        for rows in batches(len(self.at), BLOCK):
+            at = self.at[rows]
             first = max(0, int(at[0]) - margin)
             yield slice(first, min(length, int(at[-1]) + margin + 1)), replace(self, at=at - first)
 
@@ -382,9 +382,8 @@ def spectra(columns: Array, grid: Grid) -> Iterator[tuple[int, Array, Array, NDA
 
     The weighted sum of the squares of a transform is the sum of the squares of the samples.
     """
-    for begin in range(0, columns.shape[1], BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        at = (grid.at[rows] - grid.at[begin]) // grid.every
+    for rows in batches(columns.shape[1], BLOCK):
+        at = (grid.at[rows] - grid.at[rows.start]) // grid.every
         size = scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)
         padded = np.zeros((len(columns), size))
         padded[:, at] = columns[:, rows]

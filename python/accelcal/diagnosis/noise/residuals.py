@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import POSITION_ORDER, Array, Flags, Places, within_spans
+from accelcal.data import POSITION_ORDER, Array, Flags, Places, batches, within_spans
 from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.policy import (
     FAST_SCATTER_RATIO,
@@ -78,8 +78,8 @@ class BlockSpectra:
         weight = window / math.sqrt(float(window @ window))
         power = np.empty((int(np.sum(complete)), len(f[rows])))
         filled = 0
-        for begin in range(0, len(blocks), BATCH):
-            part = blocks[begin : begin + BATCH][complete[begin : begin + BATCH]]
+        for batch in batches(len(blocks), BATCH):
+            part = blocks[batch][complete[batch]]
             transform = scipy.fft.rfft(part * weight, axis=1)[:, rows]
             power[filled : filled + len(part)] = transform.real**2 + transform.imag**2
             filled += len(part)
@@ -215,9 +215,8 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
             spreads = np.where(spreads > 0.0, spreads, usual / 0.6745)
             centres = (np.arange(len(spreads)) + 0.5) * span
             spread = np.empty(len(y))
-            for begin in range(0, len(y), RESAMPLED):
-                rows = np.arange(begin, min(begin + RESAMPLED, len(y)), dtype=np.float64)
-                spread[begin : begin + RESAMPLED] = np.interp(rows, centres, spreads)
+            for part in batches(len(y), RESAMPLED):
+                spread[part] = np.interp(np.arange(part.start, part.stop, dtype=np.float64), centres, spreads)
             return spread, dof
     return None
 
@@ -426,8 +425,8 @@ def remaining_information(response: Array, lost: Places, n: int) -> tuple[Places
     information = np.empty(len(affected))
     for several in np.unique(count):
         same = np.flatnonzero(count == several)
-        for begin in range(0, len(same), BATCH):
-            these = same[begin : begin + BATCH]
+        for batch in batches(len(same), BATCH):
+            these = same[batch]
             places = lost[first[these, None] + np.arange(several)]
             c = response[np.abs(places - affected[these, None])]
             R = response[np.abs(places[:, :, None] - places[:, None, :])] + REGULAR * np.eye(several)

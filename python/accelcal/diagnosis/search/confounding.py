@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from accelcal._support.result import Storable
-from accelcal.data import Array, Recording, RecordingError
+from accelcal.data import Array, Recording, RecordingError, batches
 from accelcal.data.units import coefficient
 from accelcal.diagnosis.policy import (
     CLASS_WEIGHT,
@@ -292,8 +292,8 @@ def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
     s = state.signals
     stretch = CHUNK if is_local(item.effect) else len(s.t)
     maximum = 0.0
-    for begin in range(0, len(s.t), stretch):
-        part = s.part(slice(begin, begin + stretch))
+    for rows in batches(len(s.t), stretch):
+        part = s.part(rows)
         columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
         if item.effect.port == "process":
             size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array as Sparse
 
-from accelcal.data import POSITION_ORDER, Array, Flags, median_step, within_spans
+from accelcal.data import POSITION_ORDER, Array, Flags, batches, median_step, within_spans
 from accelcal.data.clocks import decimal_step
 from accelcal.data.orientation import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, remembers
@@ -279,7 +279,7 @@ class WeakRows:
         finest = min(self.reading_step, self.state.run.accel_step)
         most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
         most = max(DEGREE + 1, most)
-        parts = self._parts(most)
+        parts = batches(self.splines.count, most)
         together = max(1, MOST_SUMS // max(1, len(with_memory) * most))
         for number, part in enumerate(parts):
             if number % together == 0:
@@ -348,7 +348,7 @@ class WeakRows:
     def _noise_of_output(self, weight: Array, t: Array) -> Array:
         """Noise of the output at times `t`, s, as the weighted rows show it, with the sign and scale of the stage."""
         noise = np.zeros(len(t))
-        for part in self._parts(TOGETHER):
+        for part in batches(self.splines.count, TOGETHER):
             splines = self.splines.part(part.start, part.stop)
             near = covering(t - self._clock, splines)
             noise[near] -= splines.weights(t[near] - self._clock, 0, np.ones(near.stop - near.start)).T @ weight[part]
@@ -358,7 +358,7 @@ class WeakRows:
         """Motion at times `t` from the readings without the noise that the weighted rows show of them."""
         readings = self._readings
         noise = np.zeros(len(readings.t))
-        for part in self._parts(TOGETHER):
+        for part in batches(self.splines.count, TOGETHER):
             rows, weights = self._of_readings(part, self.order)
             noise[rows] += weights.T @ weight[part]
         extra_r = self.state.drive.extra_r
@@ -376,11 +376,6 @@ class WeakRows:
         """Whether no row is missing between the first and the last."""
         used = np.flatnonzero(self._kept)
         return bool(used[-1] - used[0] + 1 == len(used))
-
-    def _parts(self, most: int) -> list[slice]:
-        """Test functions in stretches of at most so many."""
-        count = self.splines.count
-        return [slice(begin, min(begin + most, count)) for begin in range(0, count, most)]
 
     def _whole_ones(self, stamps: Array) -> Flags:
         """Test functions that no break of a channel and no new zero of the position lies in, (count,)."""
@@ -419,7 +414,7 @@ class WeakRows:
         constant = self._constant_variances()
         y = np.empty(np.count_nonzero(self._kept))
         covariance, begin = Covariance.of(len(y), constant), 0
-        for part in self._parts(TOGETHER):
+        for part in batches(self.splines.count, TOGETHER):
             # The covariance reaches DEGREE rows beyond the part.
             wide = slice(part.start, min(part.stop + DEGREE, self.splines.count))
             usable = self._kept[wide]
@@ -455,7 +450,7 @@ class WeakRows:
     def reference_sums(self) -> Array:
         """<phi, reference> of all rows, of a reference that is an acceleration, (rows,)."""
         sums = []
-        for part in self._parts(TOGETHER):
+        for part in batches(self.splines.count, TOGETHER):
             readings, weights = self._of_readings(part, 0)
             splines = self.splines.part(part.start, part.stop)
             sums.append(self._readings.sums(splines, 0, weights, readings)[self._kept[part]])
