@@ -395,13 +395,11 @@ class Simulation:
             after = np.where(ended, 0.0, self._effects(window, motion, columns))
             change = np.where(ended, 0.0, np.abs(after - effects))
             largest = np.maximum(self.largest, largest_of(after))
-            if self.hurried and count + 1 >= HURRIED_ROUNDS:
-                self._keep(window, bare, np.where(ended, np.nan, after))
-                return count + 1
             final = count == ROUNDS - 1 or stalled == STALLS
             settled = self.ahead.lagging and last is not None and has_settled(displacement, last, final)
             last = displacement
-            if settled or np.all(change <= TOLERANCE * largest + rounding):
+            spent = self.hurried and count + 1 >= HURRIED_ROUNDS
+            if spent or settled or np.all(change <= TOLERANCE * largest + rounding):
                 self._keep(window, bare, np.where(ended, np.nan, after))
                 return count + 1
             if not np.all(np.isfinite(after)) or (stalled >= STALLS and not self.hurried and n_nodes > 1):
