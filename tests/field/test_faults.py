@@ -244,6 +244,30 @@ def test_another_gain_is_found_where_the_part_holds_a_rest(
     assert kinds == ["other_scale"]
 
 
+@pytest.mark.parametrize("seed", [3, 8, 19])
+def test_a_rest_of_a_biased_sensor_whose_clock_drifts_has_no_other_gain(seed: int) -> None:
+    """Behind a last move the filter decays, which any gain explains."""
+    draw = np.random.default_rng(seed)
+    t = np.arange(0.0, 70.0, 2e-3)
+    late, begin, at, places = 60e-6 * (t - 35.0), 1.5, 0.0, np.zeros((2, len(t)))
+    while begin < 64.0:
+        to, cycles = draw.uniform(-0.15, 0.15), draw.integers(8, 40)
+        burst = draw.random() < 0.4
+        duration = draw.uniform(2.0, 4.0) if burst else np.sqrt(7.5 * abs(to - at) / draw.uniform(3.0, 8.0))
+        u = np.clip((np.stack([t, t - late]) - begin) / duration, 0.0, 1.0)
+        if burst:
+            tone = np.sin(np.pi * u) ** 2 * np.sin(2.0 * np.pi * cycles * u)
+            places += 5.0 * (duration / (2.0 * np.pi * cycles)) ** 2 * tone
+        else:
+            places += (to - at) * u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3)
+            at = to
+        begin += duration + draw.uniform(0.1, 0.6)
+    output = np.gradient(np.gradient(places[1], t), t) - 0.2 + 0.03 * draw.standard_normal(len(t))
+    units = {"t": "s", "accel": "m/s^2", "position": "m"}
+    recording = ac.Recording.from_arrays(t, output, np.round(places[0], 6), units=units)
+    assert examine(recording).source.recording.left_out == ()
+
+
 def test_check_and_fit_list_the_same_findings(tmp_path: Path) -> None:
     record = honest(75)
     ACCIDENTS["range_early"].plant(record)

@@ -243,6 +243,12 @@ def _solve(gram: Array) -> Array:
     return np.asarray(np.linalg.solve(A + ridge, gram[..., :4, 4][..., None])[..., 0])
 
 
+def _misfit(gram: Array, coefficients: Array) -> float:
+    """Mean square of what the columns with these coefficients leave of the encoder."""
+    weights = np.append(coefficients, -1.0)
+    return float(weights @ gram[:5, :5] @ weights / gram[5, 5])
+
+
 def unexplained(gram: Array) -> tuple[Array, Array]:
     """Sum of squares that the best relation leaves, and the share of the variance that it explains; (K,)."""
     c = _solve(gram)
@@ -811,6 +817,9 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         if 2 * (end - begin) > K:
             begin, end, scale = end, begin + K, 1.0 / scale
         recording, within = columns.run.recording, np.arange(begin, end) % K
+        inside, rest = gram[within].sum(axis=0), np.delete(gram, within, axis=0).sum(axis=0)
+        if _misfit(inside, by := _solve(rest)) < MISFIT * _misfit(rest, by):
+            continue  # no more than this relation leaves elsewhere: a rest, in which the filter decays
         sixths = np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 6)])
         moved = sixths[sixths[:, 4, 4] > MOVED * np.max(sixths[:, 4, 4])]  # at rest there is no scale
         scales, change = _solve(moved)[:, 0], abs(scale - 1.0) / max(1.0, abs(scale))
@@ -823,6 +832,9 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
     return None
 
 
+MISFIT = 3.0
+"""Mean square of what the relation of the rest leaves in a part with another scale factor, over that in the rest. A
+stop behind a move stays below, where the delay changes along the record."""
 ONE_SCALE = 0.25
 """Most by which the scale factors of the sixths of a part differ from their middle, as a share of its difference from
 the rest of the record."""
