@@ -252,6 +252,22 @@ def test_a_step_is_continuous_in_its_instant(name):
     np.testing.assert_allclose(at[0] - np.array(at), (0.0, 0.25, 0.5, 1.0), atol=1e-8)  # sums of 4e4 ones
 
 
+def test_a_step_lies_where_its_coefficient_shows_before_and_behind():
+    """At rest the acceleration is noise of the residual, which any step of a scale factor there would explain."""
+    s = sines(n=2000)
+    begin, end = 0.4 * PERIOD, 1.2 * PERIOD
+    moving = (s.t > begin) & (s.t < end)
+    s = dataclasses.replace(s, a=s.a * moving, jerk=s.jerk * moving)
+    for name, first, last in (
+        ("scale_step", begin, end),
+        ("time_offset_step", begin, end),
+        ("bias_step", 0.0, 2.0 * PERIOD),
+    ):
+        low, high = find(name).shapes["instant"].span(s)
+        assert first < low < first + 0.1 * PERIOD
+        assert last - 0.1 * PERIOD < high < last
+
+
 def test_the_cosines_of_a_random_walk_have_its_covariance():
     s = sines(n=2000)
     effect = find("bias_random_walk")

@@ -177,9 +177,13 @@ def since(s: Signals, instant: float) -> Array:
     return np.clip((s.t - instant) / max(s.step, TINY) + 0.5, 0.0, 1.0)
 
 
-def instants(s: Signals) -> tuple[float, float]:
-    """Times at which something may change, away from the ends, s."""
-    return float(s.t[0]) + EDGE * s.length, float(s.t[-1]) - EDGE * s.length
+def instants(s: Signals, carried: Callable[[Signals], Array] = lambda s: np.ones_like(s.t)) -> tuple[float, float]:
+    """Times at which the coefficient of a column may change, s: away from the ends, and not at a rest before or behind
+    which the column is noise of the residual alone."""
+    power = np.cumsum(carried(s) ** 2)
+    low, high = np.searchsorted(power, power[-1] * np.array([EDGE, 1.0 - EDGE]))
+    begin, end = max(s.t[0] + EDGE * s.length, s.t[low]), min(s.t[-1] - EDGE * s.length, s.t[high])
+    return float(min(begin, end)), float(end)
 
 
 def slow(low: float, high: float) -> Callable[[Signals], tuple[float, float]]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -256,6 +257,11 @@ def product(carrier: str, by: str | Driver) -> dict[str, Any]:
     changed, driver = CATALOGUE[carrier], DRIVERS[by] if isinstance(by, str) else by
     name = by if isinstance(by, str) else driver.text if driver.text in driver.needs else ""
 
+    shapes = {
+        key: replace(shape, bounds=partial(instants, carried=changed.column)) if shape.bounds is instants else shape
+        for key, shape in driver.shapes.items()
+    }
+
     def times(s: Signals, **shape: float) -> Array:
         columns = driver.of(s, **{key: shape.pop(key) for key in driver.shapes}).T
         return np.asarray((columns * changed.column(s, **shape)).T)
@@ -265,7 +271,7 @@ def product(carrier: str, by: str | Driver) -> dict[str, Any]:
         "unit": per(changed.unit, driver.unit, driver.power),
         "port": changed.port,
         "owner": changed.owner,
-        "shapes": {**changed.shapes, **driver.shapes},
+        "shapes": {**changed.shapes, **shapes},
         "needs": tuple(dict.fromkeys((*changed.needs, *driver.needs))),
         "traits": Traits(memory=not driver.local),
         "search": Search(includes=() if driver.at_rest else (carrier, *changed.search.includes)),
