@@ -39,7 +39,7 @@ from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.plausible import other_column
 from accelcal.estimation.run import PreparedRun, Source, inside, prepared, recording_of
-from accelcal.signals.processing import LONG_TRANSFORM, forget_plans, low_pass, quintic
+from accelcal.signals.processing import LONG_TRANSFORM, even_times, forget_plans, low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
 from accelcal.validation.evaluation import AVERAGED_SEGMENTS
 
@@ -347,7 +347,7 @@ def power_below(y: Array, step: float) -> Callable[[float], float]:
 def evenly(t: Array, y: Array, period: float, at: Array, step: float) -> Array:
     """A channel at even times, its faster part removed where it is sampled faster."""
     if period < 0.7 * step:
-        fine: Array = np.arange(at[0] - 16.0 * step, at[-1] + 16.0 * step, period)
+        fine = even_times(at[0] - 16.0 * step, at[-1] + 16.0 * step, period)
         y, t = low_pass(np.interp(fine, t, y), 1.0 / period, 0.4 / step), fine
     return quintic(t, y, at)
 

@@ -22,6 +22,7 @@ from accelcal.signals.processing import (
     cosine_window,
     cubic,
     derivative,
+    even_times,
     integral,
     low_pass,
     motion_bandwidth,
@@ -326,7 +327,7 @@ def smoothed_std(
 
 def uniform_times(run: PreparedRun) -> Array:
     """Times at the accelerometer's rate over all readings, s."""
-    return np.arange(run.t[0], run.t[-1] + 0.5 * run.accel_step, run.accel_step)
+    return even_times(run.t[0], run.t[-1] + 0.5 * run.accel_step, run.accel_step)
 
 
 def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | None) -> Array | float:
@@ -342,7 +343,7 @@ def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | No
 def output_at(run: PreparedRun, t: Array, corner: float, tau: float) -> Array:
     """Output at times `t` of its own clock, low-passed without phase at a corner, Hz, an RC filter of `tau` s undone,
     m/s²."""
-    uniform = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
+    uniform = even_times(run.undone.t[0], run.undone.t[-1], run.accel_step)
     output = low_pass(np.interp(uniform, run.undone.t, run.undone.y), 1.0 / run.accel_step, corner)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)

@@ -20,7 +20,7 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, usual_step
 from accelcal.response.sine import Point, Reference
-from accelcal.signals.processing import Spectrum
+from accelcal.signals.processing import Spectrum, even_times
 
 SEGMENTS = 16
 """Segments that fit end to end into a recording."""
@@ -115,7 +115,7 @@ def even(channel: Channel) -> Channel:
     step = usual_step(channel.t)
     if np.max(np.abs(np.diff(channel.t) - step)) < 1e-4 * step:
         return channel
-    t = np.arange(channel.t[0], channel.t[-1], step)
+    t = even_times(channel.t[0], channel.t[-1], step)
     return Channel(channel.name, t, scipy.interpolate.CubicSpline(channel.t, channel.y)(t), channel.unit)
 
 

@@ -243,6 +243,12 @@ def continued(f: Array, ratio: Array, edge: float) -> float:
     return float(f[-1])
 
 
+def even_times(begin: float, end: float, step: float) -> Array:
+    """Times from `begin` to before `end`, s. numpy.arange takes the second less the first for the step, which stamps in
+    seconds since 1970 leave 4 digits."""
+    return np.asarray(begin + step * np.arange(math.ceil((end - begin) / step)))
+
+
 def resample(channel: Channel, t: Array) -> Array:
     """Values of a side channel at times `t`, straight lines between its samples, held beyond its ends.
 

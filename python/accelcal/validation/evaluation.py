@@ -21,7 +21,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.estimation.smoothing import of_lever, output_at, side_channels_at
 from accelcal.estimation.values import Noise
-from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density, spline
+from accelcal.signals.processing import ORDER, derivative, even_times, low_pass, spectral_density, spline
 from accelcal.signals.series import runs_of_true
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import (
@@ -258,7 +258,7 @@ def motion_of(run: PreparedRun, state: RunState, band: float) -> Signals:
     """Smoothed motion of a run on a uniform grid from its first reading on, which resolves it and a band, Hz."""
     signals = state.signals
     every = max(1, int(1.0 / (PER_PERIOD * max(band, signals.cutoff) * run.reading_step)))
-    return signals.resampled(np.arange(run.t[0], run.t[-1], every * run.reading_step) - run.origins.t)
+    return signals.resampled(even_times(run.t[0], run.t[-1], every * run.reading_step) - run.origins.t)
 
 
 def reference_error(fit: Fit, state: RunState) -> tuple[RmsInterval, RmsInterval] | None:
@@ -347,7 +347,7 @@ def residual_of(ahead: DrivenRun, band: float) -> tuple[Array, Array, Flags]:
     Times (n,) s on an even grid, residual (n,) m/s², and where neither an end nor a hole spoils it, (n,).
     """
     run, step = ahead.run, ahead.run.reading_step
-    t = np.arange(run.t[0], run.t[-1], step)
+    t = even_times(run.t[0], run.t[-1], step)
     driven = smoothed_drive(ahead)
     missed = accumulated(driven, np.diff(run.t, prepend=run.t[0]))[1]
     missed = without_steps(np.subtract(driven.z, missed, out=missed), run)
