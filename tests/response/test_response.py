@@ -23,6 +23,7 @@ from accelcal.data.rig import Sensor, Uncertainty
 from accelcal.plots.response import response_note
 from accelcal.response import Point, Reference, broadband, fit_response, frequency_response, stepped_response
 from accelcal.response.export import draft_response, lines
+from accelcal.response.linearity import Harmonics, linearity
 from accelcal.response.sine import find_steps
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.simulation.motion import sine_steps
@@ -221,6 +222,23 @@ def test_harmonics_and_levels_give_quadratic_and_cubic_terms():
         truth = {"K2": 1e-3, "K3": 1e-4}[name]
         print(name, source, term.value, term.expanded)
         assert abs(term.value - truth) < 2.5 * term.expanded + 0.01 * truth
+
+
+@pytest.mark.parametrize(("behind", "source"), [(False, "harmonic 2"), (True, "harmonic 2, behind the fitted poles")])
+def test_a_quadratic_term_is_one_before_or_behind_the_resonance(behind, source):
+    def gain(f):
+        return 1.02 / (1.0 - (f / 900.0) ** 2 + 1j * f / 900.0 / 12.0)
+
+    rng, steps = np.random.default_rng(5), []
+    for f in (10.0, 40.0, 100.0, 200.0, 315.0, 400.0):
+        first, second = gain(np.array([f, 2.0 * f]))
+        made = 0.5e-4 * ((first / 1.02 * 10.0) ** 2 if behind else second / 1.02 * 10.0**2)
+        point = Point(f, complex(first), 1e-5, 32.0, 10.0 + 0j, "sine", 0.0, 1.0)
+        output = np.array([10.0 * first, made + 1e-4 * (rng.standard_normal() + 1j * rng.standard_normal())])
+        steps.append(Harmonics(point, output, np.array([10.0 + 0j, 0j]), np.array([1e-4, 1e-4]), 0.0))
+    (term,) = [term for term in linearity(steps, gain, 1.02) if term.source.startswith("harmonic 2")]
+    assert term.source == source
+    assert abs(term.value - 1e-4) < 2.0 * term.expanded
 
 
 def test_frequencies_that_are_asked_for_are_kept_or_said_to_be_missing(recording):
