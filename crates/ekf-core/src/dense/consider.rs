@@ -40,6 +40,17 @@ impl Consider {
         state < u32::BITS as usize && self.0 >> state & 1 == 1
     }
 
+    /// Refuses indices that `n` states do not have.
+    ///
+    /// # Errors
+    /// [`SetupError::Setting`].
+    pub(crate) fn check(self, n: usize) -> Result<(), SetupError> {
+        match (n..u32::BITS as usize).find(|&state| self.contains(state)) {
+            Some(state) => Err(SetupError::Setting { name: "consider state", value: state as f64 }),
+            None => Ok(()),
+        }
+    }
+
     /// Refuses consider states where the covariance is not updated in Joseph's form on whole matrices.
     ///
     /// # Errors

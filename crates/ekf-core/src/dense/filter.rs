@@ -196,7 +196,7 @@ fn checked_readings(R_position: f64, R_output: f64, gate: f64) -> Result<(), Set
 /// The factors of a prior, if it can be one and if readings with these variances and this gate can correct it.
 ///
 /// # Errors
-/// [`SetupError::Setting`], [`SetupError::Prior`].
+/// [`SetupError::Setting`], [`SetupError::Prior`], [`SetupError::Belief`].
 pub(crate) fn checked_start<const N: usize>(
     prior: &Belief<N>,
     R_position: f64,
@@ -212,6 +212,8 @@ pub(crate) fn checked_start<const N: usize>(
     if !(asymmetry <= 1e-12 * prior.P.amax()) {
         return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
     }
+    // A pivot that counts as zero hides the covariances beside it.
+    prior.checked().map_err(SetupError::Belief)?;
     Ok(factored)
 }
 
@@ -230,14 +232,13 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
         if self.carrier == Carrier::Factored {
             self.consider.refused()?;
         }
+        self.consider.check(N)?;
         let factored = checked_start(prior, self.R_position, self.R_output, self.gate)?;
-        let carried = match self.carrier {
-            Carrier::Dense => CarriedBelief::Dense(*prior),
-            Carrier::Factored => CarriedBelief::Factored(factored),
-        };
-        // A pivot that counts as zero hides the covariances beside it.
-        carried.belief().checked().map_err(SetupError::Belief)?;
-        Ok(carried)
+        if self.carrier == Carrier::Dense {
+            return Ok(CarriedBelief::Dense(*prior));
+        }
+        factored.belief().checked().map_err(SetupError::Belief)?;
+        Ok(CarriedBelief::Factored(factored))
     }
 
     fn belief(&self, state: &CarriedBelief<N>) -> Belief<N> {
@@ -373,6 +374,44 @@ mod tests {
         assert!(matches!(filter.update(&state, &event(0.0)), Err(StepError::Correlation { .. })));
         let (kept, correction) = filter.update(&state, &event(100.0)).unwrap();
         assert_eq!((kept, correction.map(|correction| correction.reading.accepted)), (state, Some(false)));
+    }
+
+    #[test]
+    fn a_prior_with_a_covariance_beside_no_variance_is_refused_by_either_carrier() {
+        let mut hidden = prior();
+        hidden.P = SMatrix::from_fn(|i, j| if i + j == 1 { 5.0 } else { f64::from(u8::from(i == j && i != 1)) });
+        let error = StepError::Correlation { states: (0, 1), squared: f64::INFINITY };
+        for carrier in [Carrier::Dense, Carrier::Factored] {
+            let refused = filter(Integrator::Exact, carrier).start(&hidden).err();
+            assert_eq!(refused, Some(SetupError::Belief(error)));
+        }
+    }
+
+    #[test]
+    fn a_consider_state_that_there_is_not_is_refused() {
+        let considering = |state| Filter {
+            consider: Consider::states(&[state]).unwrap(),
+            ..filter(Integrator::Exact, Carrier::Dense)
+        };
+        assert!(considering(3).start(&prior()).is_ok());
+        let error = SetupError::Setting { name: "consider state", value: 4.0 };
+        assert_eq!(considering(4).start(&prior()).err(), Some(error));
+    }
+
+    #[test]
+    fn an_event_before_the_last_one_or_without_a_time_is_refused() {
+        let filter = filter(Integrator::Exact, Carrier::Dense);
+        let samples = Samples { t: &[0.0, DT], y: &[1.0, 1.0] };
+        let step = |track: &_, t| {
+            let event = Event { t, channel: Channel::Position, value: 0.0 };
+            filter.process(track, &event, samples.piece(1, filter.interpolation)).map(|(track, _)| track)
+        };
+        let track = step(&filter.start(&prior()).unwrap(), DT).unwrap();
+        assert!(step(&track, DT).is_ok());
+        for t in [0.0, f64::NAN, f64::INFINITY] {
+            let found = step(&track, t);
+            assert!(matches!(found, Err(RunError::Step { event: 1, error: StepError::TimeOrder { .. }, .. })));
+        }
     }
 
     #[test]

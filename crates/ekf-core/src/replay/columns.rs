@@ -58,7 +58,7 @@ pub struct ReadingSpan<'a> {
 /// columns of the reading alone.
 ///
 /// # Errors
-/// [`ReplayError`] when lengths differ or the grid does not reach.
+/// [`ReplayError`] when lengths differ, times do not rise or the grid does not reach.
 #[inline(always)]
 pub fn prepare(
     gains: Gains<'_>,
@@ -75,6 +75,9 @@ pub fn prepare(
     let (mut previous, mut grid) = (before, Cells::of(grid, rows));
     for (k, &counted) in counts.iter().enumerate() {
         let now = gains.t[k];
+        if previous.is_some_and(|earlier| !(earlier < now)) {
+            return Err(ConditionError::Time { index: k, t: now }.into());
+        }
         let from = previous.filter(|_| !gains.restart[k]);
         let mut passed = 0;
         if let Some(earlier) = from.filter(|_| rows > 0) {
@@ -126,6 +129,9 @@ impl<const N: usize> Default for Response<N> {
 /// # Errors
 /// [`ReplayError::Condition`] when the span has fewer cells than its readings passed, a column is shorter than the grid that
 /// they need, or `sums` do not fit.
+///
+/// # Panics
+/// If the cells do not stand in the order in which [`prepare`] gives them.
 #[inline(always)]
 pub fn filter_input_columns<const N: usize>(
     span: ReadingSpan<'_>,

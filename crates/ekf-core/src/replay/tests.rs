@@ -377,6 +377,8 @@ fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
     assert_eq!(short, Some(ReplayError::Grid { index: 6, t: T[6] }));
     let late = Prepared::new(kept.gains(&WHOLE, 0..N), Grid { start: 0.005, ..GRID }, ROWS, None).err();
     assert_eq!(late, Some(ReplayError::Grid { index: 1, t: T[1] }));
+    let backward = Prepared::new(Gains { t: &[0.2, 0.0], ..kept.gains(&WHOLE, 0..2) }, GRID, ROWS, None).err();
+    assert_eq!(backward, Some(ReplayError::Condition(ConditionError::Time { index: 1, t: 0.0 })));
     let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
     let mut sums = [0.0; N - 1];
     let found = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);

@@ -81,13 +81,18 @@ pub trait Engine<const N: usize> {
     /// Processes the next event; `piece` is the output since the event before.
     ///
     /// # Errors
-    /// [`RunError::Step`] with the event; `track` is untouched.
+    /// [`RunError::Step`] with the event, [`StepError::TimeOrder`] where it is older than the one before; `track` is untouched.
     fn process(
         &self,
         track: &Track<Self::State>,
         event: &Event,
         piece: Piece,
     ) -> Result<(Track<Self::State>, Self::Outcome), RunError> {
+        let failed = |error| RunError::Step { event: track.events, t: event.t, error };
+        let previous = track.t.unwrap_or(f64::NEG_INFINITY);
+        if !(previous <= event.t && event.t.is_finite()) {
+            return Err(failed(StepError::TimeOrder { t: event.t, previous }));
+        }
         let drive = track.t.filter(|&previous| previous < event.t).map(|previous| {
             if !Self::DRIVEN {
                 return Drive::held(Segment { c: [0.0; 4] }, 0.0, event.t - previous);
@@ -95,11 +100,7 @@ pub trait Engine<const N: usize> {
             let Piece { segment, start, length, nodes } = piece;
             Drive { segment, from: previous - start, to: event.t - start, length, nodes }
         });
-        let (state, outcome) = self.step(&track.state, drive.as_ref(), event).map_err(|error| RunError::Step {
-            event: track.events,
-            t: event.t,
-            error,
-        })?;
+        let (state, outcome) = self.step(&track.state, drive.as_ref(), event).map_err(failed)?;
         let mut next = Track { state, t: Some(event.t), events: track.events + 1, ..*track };
         match Self::reading(&outcome) {
             Some(reading) if reading.accepted => next.log_likelihood += reading.innovation.log_likelihood(),

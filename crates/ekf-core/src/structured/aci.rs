@@ -236,7 +236,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         )
     }
 
-    /// Takes a reading in cross its `P H'`.
+    /// Updates by such a reading; `cross` is its `P H'`.
     #[inline(always)]
     pub fn correct_with(&mut self, cross: &CrossCovariance<V>, innovation: &MaskedInnovation<V::Number>) {
         let &CrossCovariance { dp, dv, column } = cross;

@@ -8,7 +8,6 @@ use core::array::from_fn;
 
 use nalgebra::SMatrix;
 
-use crate::dense::belief::{check_covariance, check_mean};
 use crate::dense::system::Order;
 use crate::dense::ud::factorise;
 use crate::error::{DomainError, SetupError, StepError};
@@ -441,11 +440,13 @@ impl<T: Real + Into<f64>, const N: usize, const M: usize> AciFactored<T, N, M> {
     /// # Errors
     /// [`StepError::Mean`], [`StepError::Variance`].
     pub fn checked(&self) -> Result<(), StepError> {
-        check_mean(N, |i| self.x(i).into())?;
-        check_covariance(N, |i, j| match (i == j, i) {
-            (false, _) => 0.0,
-            (true, 0 | 1) => self.d[i].into(),
-            (true, _) => self.D.0[i - 2].into(),
-        })
+        if let Some(state) = [self.p, self.v].iter().chain(&self.theta.0).position(|&x| !x.into().is_finite()) {
+            return Err(StepError::Mean { state });
+        }
+        let pivots = self.d.iter().chain(&self.D.0).map(|&pivot| pivot.into());
+        match pivots.enumerate().find(|(_, pivot)| !(*pivot >= 0.0 && pivot.is_finite())) {
+            Some((state, variance)) => Err(StepError::Variance { state, variance }),
+            None => Ok(()),
+        }
     }
 }
