@@ -396,6 +396,30 @@ def test_a_filter_that_an_absurd_number_has_broken_says_so(tmp_path, column):
 
 
 @pytest.mark.outside
+def test_a_broken_filter_answers_without_undefined_behaviour(tmp_path):
+    for file, text in filter_files(filter_of(Model.linear(), watch=("cubic",)), "cal", "c", "f32").items():
+        (tmp_path / file).write_text(text)
+    (tmp_path / "main.c").write_text("""
+#include "cal.h"
+int main(void)
+{
+    cal_filter f;
+    float log_e = 0.0f, size, std, since;
+    int i;
+    cal_init(&f, 0.0f);
+    for (i = 0; i < 50; ++i) {
+        (void)cal_step(&f, i == 20 ? 1e20f : 1.0f, 0.0f);
+    }
+    (void)cal_watch(&f, 0u, &log_e, &size, &std, &since);
+    return cal_finite(&f) || log_e == log_e || cal_named(&f) != -1; /* not a number, and none is named */
+}
+""")
+    undefined = ("-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover")
+    run(["cc", *STRICT, *undefined, "main.c", "cal.c", "-o", "broken"], tmp_path)
+    run(["./broken"], tmp_path)
+
+
+@pytest.mark.outside
 @pytest.mark.parametrize("watch", [(), ("cubic",)], ids=["alone", "watch"])
 def test_counts_of_samples_end_at_the_largest_and_begin_with_the_first(tmp_path, watch):
     # With counts that wrapped to zero, the sample behind the next gap would be taken for the first of all.

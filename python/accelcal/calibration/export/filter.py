@@ -841,7 +841,7 @@ def primitive(writer: Writer, name: str, wide: bool) -> list[str]:
         return []
     fmt, function = writer.kind(wide), writer.function(name, wide)
     size, excess = 1 + fmt.exponent + fmt.fraction, 2 ** (fmt.exponent - 1) - 1
-    mask = 2**fmt.exponent - 1
+    mask, shift = 2**fmt.exponent - 1, 1.5 * 2.0**fmt.fraction  # behind a sum a whole number is the last bits, NaN none
     if writer.language == "rust":
         if name == "exponent":
             power = f"(((x.to_bits() >> {fmt.fraction}) & {mask}) as i32 - {excess}) as {fmt.rust}"
@@ -849,16 +849,17 @@ def primitive(writer: Writer, name: str, wide: bool) -> list[str]:
         bits = (
             f"{fmt.seed:#x}_u{size}.wrapping_sub(x.to_bits() >> 1)"
             if name == "guess"
-            else f"((x as i{size}).wrapping_add({excess}) as u{size}) << {fmt.fraction}"
+            else f"(x + {shift:.1f}).to_bits().wrapping_add({excess}) << {fmt.fraction}"
         )
         return [f"fn {function}(x: {fmt.rust}) -> {fmt.rust} {{", f"    {fmt.rust}::from_bits({bits})", "}", ""]
     seed = f"UINT{size}_C({fmt.seed:#x}) - (w.u >> 1)"
-    bits = seed if name == "guess" else f"(uint{size}_t)((int{size}_t)x + {excess}) << {fmt.fraction}"
+    bits = seed if name == "guess" else f"(w.u + {excess}u) << {fmt.fraction}"
+    suffix = f" + {shift:.1f}{'f' * (size == 32)}" if name == "two_to" else ""
     return [
         f"static {fmt.c} {function}({fmt.c} x)",
         "{",
         f"    union {{ {fmt.c} x; uint{size}_t u; }} w;",
-        *([] if name == "two_to" else ["    w.x = x;"]),
+        f"    w.x = x{suffix};",
         *(
             [f"    return ({fmt.c})((int32_t)((w.u >> {fmt.fraction}) & {mask}u) - {excess});"]
             if name == "exponent"
