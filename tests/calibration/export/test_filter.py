@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from accelcal._support.errors import AccelcalError
+from accelcal.calibration.export import calibrate, header
 from accelcal.calibration.export import filter as export
 from accelcal.calibration.export.calibration import NotExportable
 from accelcal.calibration.export.filter import filter_files, program, replayed, with_held_as_states
@@ -30,6 +31,7 @@ from accelcal.simulation.sensor import CXL02_RIG
 from tests.firmware import build
 
 from .device import STRICT, compiled, estimates_after, on_device, on_host, run, write
+from .models import fit_of
 
 PROCESS = {"start": 0.0, "length": 10.0}
 LOW_PASS = dataclasses.replace(CXL02_RIG, resolution=None)
@@ -296,6 +298,33 @@ def test_what_cannot_be_watched_is_refused_by_name():
     ):
         with pytest.raises(AccelcalError, match=said):
             filter_of(with_effects("quadratic"), watch=(name,))
+
+
+@pytest.mark.parametrize("name", ["stdint", "self", "Loop"])
+def test_a_name_that_a_language_has_for_itself_is_made_longer(name):
+    for language in ("c", "rust"):
+        for file in filter_files(filter_of(Model.linear()), name, language, "f32"):
+            assert file.startswith(f"sensor_{name.lower()}")
+
+
+@pytest.mark.outside
+def test_filter_and_calibration_of_one_name_go_into_one_program(tmp_path):
+    (tmp_path / "static.h").write_text(header(calibrate(fit_of({"bias": 0.1})), "cal.h"))
+    for file, text in filter_files(filter_of(Model.linear()), "cal", "c", "f32").items():
+        (tmp_path / file).write_text(text)
+    (tmp_path / "main.c").write_text("""
+#include "static.h"
+#include "cal.h"
+int main(void)
+{
+    cal_filter f;
+    double a;
+    cal_init(&f, 0.0f);
+    return cal_acceleration(2.5, &a) != 0u || cal_step(&f, (float)a, 0.0f);
+}
+""")
+    run(["cc", *STRICT, "main.c", "cal.c", "-o", "both"], tmp_path)
+    run(["./both"], tmp_path)
 
 
 GAP_IN_RUST = """

@@ -389,10 +389,20 @@ def unit(text: str) -> str:
     return "" if text == "1" else plain(normalise(text))
 
 
+RESERVED = re.compile(
+    "abstract|as|async|await|become|box|break|const|continue|core|crate|do|dyn|else|enum|extern|false|final|fn|for|gen|if"
+    "|impl|in|let|loop|macro|match|mod|move|mut|override|priv|pub|ref|return|self|static|struct|super|trait|true|try|type"
+    "|typeof|unsafe|unsized|use|virtual|where|while|yield"
+    r"|assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|std\w*|string|tgmath|time"
+    "|wchar|wctype"
+)
+"""Words that no module of Rust is called by, and headers of C, which a file of their name beside a program replaces."""
+
+
 def identifier(text: str) -> str:
     """A name for functions, from the name of a file."""
     name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_").lower()
-    return name if re.match("[a-z]", name) else f"sensor_{name}".rstrip("_")
+    return name if re.match("[a-z]", name) and not RESERVED.fullmatch(name) else f"sensor_{name}".rstrip("_")
 
 
 def strict(lost: str) -> str:

@@ -1270,8 +1270,8 @@ def c_header(text: Text) -> str:
  * Replay against the live filter of the model; ends with 0 where all estimates agree:
  *   cc -std=c99 -ffp-contract=off {name}.c {name}_replay.c -o {name}_replay && ./{name}_replay
  */
-#ifndef {big}_H
-#define {big}_H
+#ifndef {big}_LIVE_FILTER_H
+#define {big}_LIVE_FILTER_H
 
 #include <stdint.h>
 
