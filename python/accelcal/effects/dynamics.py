@@ -172,10 +172,8 @@ def sensor_resonance(s: Signals) -> Array:
 
 def carried_over(s: Signals, start: float) -> float:
     """What an effect with memory holds at the first sample, m/s²: the rest, and a share of the largest acceleration."""
-    if not start:
-        return s.rest  # a running program has no whole record
-    whole = s.whole or s
-    return s.rest + start * float(np.max(np.abs(whole.a - s.rest)))
+    largest: float = np.max(np.abs((s.whole or s).a - s.rest))  # a symbol, where a filter is exported
+    return s.rest + start * largest
 
 
 @effect(

@@ -61,6 +61,7 @@ MODELS: dict[str, tuple[Model, Rig]] = {
         with_effects("scale_factor_follows_abs_v", scale_factor_follows_abs_v={"tau": 1.0, "start": 0.0}),
         LEVEL,
     ),
+    "memory": (with_effects("ac_coupling", "creep", ac_coupling={"tau": 2.0}, creep={"tau": 0.5, "start": 0.0}), LEVEL),
     "temperature": (with_effects("temperature_bias", "temperature_scale"), LEVEL),
     "process": (with_process("bias_gauss_markov", 1e-3, tau=3.0), LEVEL),
     "walk of the scale factor": (with_process("scale_random_walk", 1e-4), LEVEL),
