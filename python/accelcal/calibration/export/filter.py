@@ -142,6 +142,13 @@ def factorised(P: Array) -> tuple[Array, Array]:
     return U, D
 
 
+def added(x: Any, low: Any, way: Any) -> tuple[Any, Any]:
+    """A sum of two numbers with another, and what its rounding left out (Kahan)."""
+    way = way + low
+    total = x + way
+    return total, way - (total - x)
+
+
 @dataclass(slots=True)
 class Belief:
     """Mean and factors of the covariance, as in `aci_ud.rs`: symbols that each step renews."""
@@ -162,6 +169,8 @@ class Belief:
     """Its covariance with the noise of the samples that still drive: of p and v with the oldest, ..."""
     low: Any
     """What the rounding of p left out, which single precision needs: readings by the hundred make one position."""
+    theta_low: list[Any]
+    """Likewise of the parameters: after an hour a reading moves them by less than their last bit."""
 
     @classmethod
     def of(cls, entry: Callable[[str], Any], m: int) -> Belief:
@@ -171,22 +180,24 @@ class Belief:
             return [entry(f"{name}[{j}]") for j in range(count)]
 
         motion = entry("p"), entry("v"), row("theta", m), entry("upv"), row("up", m), row("uv", m)
-        return cls(
-            *motion, row("U", m * (m - 1) // 2), row("d", 2), row("D", m), row("Pi", 3), row("cross", 6), entry("low")
-        )
+        factors = row("U", m * (m - 1) // 2), row("d", 2), row("D", m)
+        return cls(*motion, *factors, row("Pi", 3), row("cross", 6), entry("low"), row("theta_low", m))
 
     def fields(self) -> dict[str, Any]:
         """By the names of the fields."""
         listed = {"p": self.p, "low": self.low, "v": self.v, "upv": self.upv}
-        for name in ("theta", "up", "uv", "U", "d", "D", "Pi", "cross"):
+        for name in ("theta", "theta_low", "up", "uv", "U", "d", "D", "Pi", "cross"):
             listed |= {f"{name}[{j}]": x for j, x in enumerate(getattr(self, name))}
         return listed
 
     def move(self, way: Any) -> None:
         """Add to the position."""
-        before, way = self.p, way + self.low
-        self.p = before + way
-        self.low = way - (self.p - before)
+        self.p, self.low = added(self.p, self.low, way)
+
+    def learn(self, ways: Sequence[Any]) -> None:
+        """Add to the parameters."""
+        for j, way in enumerate(ways):
+            self.theta[j], self.theta_low[j] = added(self.theta[j], self.theta_low[j], way)
 
     def among(self, i: int, j: int) -> int:
         """Place of the entry of rows i < j of the parameters."""
@@ -320,7 +331,7 @@ class Belief:
         scaled = e * inverse
         self.move(gains[0] * scaled)
         self.v = self.v + gains[1] * scaled
-        self.theta = [x + gain * scaled for x, gain in zip(self.theta, gains[2:], strict=True)]
+        self.learn([gain * scaled for gain in gains[2:]])
         return Update(s, inverse, [gain * inverse for gain in gains]), settled
 
 
@@ -644,7 +655,8 @@ def read(plan: Program) -> None:
     belief = Belief.of(lambda name: leaf(f"@{name}#"), len(plan.free))
     p, v, moved = belief.columns(gathered)
     belief.move(p)
-    belief.v, belief.theta = belief.v + v, [x + y for x, y in zip(belief.theta, moved, strict=True)]
+    belief.v = belief.v + v
+    belief.learn(moved)
     belief.add_outer(over(1.0, leaf("@share#")), p, v, moved)
     plan.correction = {
         **{f"@{name}": x for name, x in belief.fields().items()},
@@ -885,6 +897,7 @@ FIELDS = {
     "low": "what its rounding left out",
     "v": "velocity along it, m/s",
     "theta": "parameters, SI",
+    "theta_low": "what their rounding left out",
     "upv": "U between p and v",
     "up": "U between p and the parameters",
     "uv": "U between v and the parameters",
