@@ -23,6 +23,7 @@ from accelcal.calibration.export.filter import filter_files, program, replayed, 
 from accelcal.calibration.export.symbols import FORMATS
 from accelcal.data.rig import Rig, Sensor
 from accelcal.effects import BUILT_IN
+from accelcal.effects.own import from_expression
 from accelcal.filters.live_model import LiveModel
 from accelcal.live.tracker import running
 from accelcal.model import Model, Prior
@@ -556,6 +557,16 @@ def test_every_effect_that_the_page_lists_can_be_traced(effect):
         return
     traced = program(filter_of(model), "f32")
     assert len(traced.names) > 3
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", ["parameters", "h"])  # names that the header has for itself
+def test_a_formula_is_exported_whatever_its_name(tmp_path, name):
+    from_expression(name, "v*abs(v) + 0.1*tanh(v/0.1)")
+    for file, text in filter_files(filter_of(with_effects(name)), "cal", "c", "f64").items():
+        (tmp_path / file).write_text(text)
+    run(["cc", *STRICT, "cal.c", "cal_replay.c", "-o", "replay"], tmp_path)
+    assert run(["./replay"], tmp_path).startswith("0 of ")
 
 
 def test_what_cannot_be_traced_is_refused_by_name(monkeypatch):

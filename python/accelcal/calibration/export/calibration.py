@@ -391,7 +391,7 @@ def unit(text: str) -> str:
 
 RESERVED = re.compile(
     "abstract|as|async|await|become|box|break|const|continue|core|crate|do|dyn|else|enum|extern|false|final|fn|for|gen|if"
-    "|impl|in|let|loop|macro|match|mod|move|mut|override|priv|pub|ref|return|self|static|struct|super|trait|true|try|type"
+    "|impl|in|let|loop|macro|match|mod|move|mut|override|parameters|priv|pub|ref|return|self|static|struct|super|trait|true|try|type"
     "|typeof|unsafe|unsized|use|virtual|where|while|yield"
     r"|assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|std\w*|string|tgmath|time"
     "|wchar|wctype"

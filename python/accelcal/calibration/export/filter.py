@@ -531,7 +531,7 @@ def effects_of(
     u = leaf("u")
     try:
         over_step, step, _ = traced.until(u)  # type: ignore[arg-type]
-    except (NotTraceable, TypeError, IndexError) as error:
+    except (NotTraceable, TypeError, ValueError, AttributeError, IndexError) as error:
         raise NotExportable(f"{untraceable(traced, u) or 'a signal of the model'} {error}") from error
     signals.advance(u, over_step)  # type: ignore[arg-type]
     plan.memories = tuple(len(held) for held in step.memories)
@@ -550,7 +550,7 @@ def untraceable(live: LiveModel, u: Any) -> str:
         alone.__dict__.update(live.__dict__, _parts=[part], _memories=[memory])
         try:
             alone.until(u)
-        except (NotTraceable, TypeError, IndexError):
+        except (NotTraceable, TypeError, ValueError, AttributeError, IndexError):
             return part.effect.name
     return ""
 
