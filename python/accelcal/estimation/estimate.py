@@ -672,23 +672,8 @@ def result(solution: Solution) -> Fit:
     x, covariance = solution.x, solution.covariance
     runs = [state.run for state in states]
     estimates, covariance_of_means, spreads, at_shapes = over_runs(solution)
-    called = [run.recording.title for run in runs]
     remarks = [
-        *(
-            remark("imposed_band", recording=name, band=b)
-            for name, b in zip(called, solution.chosen, strict=False)
-            if b is not None
-        ),
-        *(
-            remark("measured_spectrum", recording=name)
-            for name, state in zip(called, states, strict=True)
-            if state.spectrum is not None and state.band is None
-        ),
-        *(
-            remark("changes_with_band", recording=name, text=text)
-            for name, tried in zip(called, solution.by_band, strict=False)
-            if (text := change_with_band(tried))
-        ),
+        *on_bands(solution),
         *judge(layout, x, covariance, states),
         *(
             remark("not_observable", recording=run.recording.title, filters=names(high_passes(run.rig.filters)))
@@ -743,6 +728,20 @@ def result(solution: Solution) -> Fit:
         at_shapes=at_shapes,
     )
     return solution.engine.result(fit, states[0])
+
+
+def on_bands(solution: Solution) -> Iterator[Remark]:
+    """Bands that were imposed, spectra that were measured, and estimates that change with the band, by recording."""
+    called = [state.run.recording.title for state in solution.states]
+    for name, b in zip(called, solution.chosen, strict=False):
+        if b is not None:
+            yield remark("imposed_band", recording=name, band=b)
+    for name, state in zip(called, solution.states, strict=True):
+        if state.spectrum is not None and state.band is None:
+            yield remark("measured_spectrum", recording=name)
+    for name, tried in zip(called, solution.by_band, strict=False):
+        if text := change_with_band(tried):
+            yield remark("changes_with_band", recording=name, text=text)
 
 
 def agreement_of(agreement: Agreement, layout: Layout, name: str) -> Remark:

@@ -264,6 +264,13 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
             for entry in entries(content):
                 yield replace(entry, name=f"{entry.name}-{axis}", section=f"{entry.section}-{axis}")
         return
+    yield from _of_the_model(c)
+    yield from _of_errors(c)
+    yield from _of_the_data(c)
+
+
+def _of_the_model(c: Content) -> Iterator[Entry]:
+    """The first page, and what was found to be missing."""
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
     yield Entry(
@@ -291,6 +298,10 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
             "Nonparametric curve of the model, with its pointwise uncertainty.",
             partial(timeline.fitted_curve, c.shapes),
         )
+
+
+def _of_errors(c: Content) -> Iterator[Entry]:
+    """How errors fall, and where the model fails."""
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
@@ -318,6 +329,10 @@ def entries(c: Content | AxesContent) -> Iterator[Entry]:
         Entry("whiteness", "where", anew, whiteness, lags),
         Entry("quantiles", "where", anew, partial(residuals.quantile_plot, where)),
     )
+
+
+def _of_the_data(c: Content) -> Iterator[Entry]:
+    """Sensitivity, parameters over time, the recording, and what it can show."""
     if c.response is not None:
         yield _both(
             "sensitivity",
