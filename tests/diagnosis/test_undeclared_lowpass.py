@@ -83,3 +83,11 @@ def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_de
         assert ("sensor_resonance" in after.fit) == (tolerance is not None)
         stds.append(after.fit["scale_factor"].std)
     assert stds[1] > 1.1 * stds[0]  # that of f0 is in it
+
+
+def test_what_clocks_may_disagree_by_is_in_the_frequency_of_a_resonance():
+    """A delay behind it takes part in both coefficients of its inverse."""
+    run = recording(3, resonance=25.0, q=5.0, delay=8e-4)
+    _, note = said(replace(run, rig=replace(run.rig, offset_tolerance=8e-4)))
+    assert note is not None
+    assert abs(note.values["f0"] - 25.0) < 3.0 * note.values["f0_std"]

@@ -574,8 +574,8 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
         shift = 0.015 * (below**2 - above**2) / max(below**2 - 2.0 * left**2 + above**2, 1e-2 * left**2)
         least = noise(shift)
         shift, left = (shift, least) if RESONANCE_LOWER * least < left else (0.0, left)
-        unknown = rig.lowpass_tolerance  # of the low-pass behind it, s
-        of_first = math.hypot(lag.value, lag.std, unknown, rig.offset_tolerance) / first
+        unknown = math.hypot(rig.lowpass_tolerance, rig.offset_tolerance)  # a delay behind it, s
+        of_first = math.hypot(lag.value, lag.std, unknown) / first
         of_second = math.hypot(rest.value, rest.std, unknown * first) / second
         spread = math.hypot(0.5 * of_second, 0.5 * shift)
         if DATA_SHEET_NOISE_RATIO * left < before and spread < RESONANCE_SPREAD:
