@@ -207,7 +207,9 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
             if p_value >= REMARK_ALPHA
             else f"{math.sqrt(rows.scatter):.2g} m/s² more than is declared, taken into the uncertainty: {causes}"
         )
-        text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {reason}"
+        text = (
+            f"the dwells scatter by {left}, {float(f'{ratio:.2g}'):g} times what noise within them explains; {reason}"
+        )
     elif freedom > 0 and scipy.special.chdtr(freedom, freedom * ratio**2) < LEAST_SCATTER_ALPHA:
         text = (
             f"the dwells scatter {ratio:.2g} times as much as noise within them explains: is std that of the samples, "

@@ -137,9 +137,9 @@ class TriadFit(Storable):
         ]
         if self.ratio > REMARKED_BEYOND:
             sentences.append(
-                f"the positions scatter by {self.rms:.2g} m/s², {self.ratio:.2g} times what noise within them "
-                "explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those of "
-                "this scatter"
+                f"the positions scatter by {self.rms:.2g} m/s², {float(f'{self.ratio:.2g}'):g} times what noise within "
+                "them explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those "
+                "of this scatter"
             )
         if not self.terms:
             leaves = "" if len(self.residual) > len(SIX) else "six positions leave no scatter to judge by: "
