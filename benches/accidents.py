@@ -39,10 +39,10 @@ def outcome(trial: Trial) -> Outcome:
             recording = ac.load(path)
             improvement = improve(recording)
         except ac.AccelcalError as error:
-            said = [str(error)]
+            messages = [str(error)]
         else:
             fit, last = improvement.best, improvement.diagnosis
-            said = [
+            messages = [
                 *(note.text for note in recording.findings),
                 *(remark.sentence for remark in last.remarks),
                 last.sentence,
@@ -51,12 +51,12 @@ def outcome(trial: Trial) -> Outcome:
             if record.quadratic and "quadratic" not in improvement.effects:
                 truth.pop("scale_factor")  # over few shocks of one shape it takes up what is not named
             errors = {name: (fit[name].value - value) / fit[name].std for name, value in truth.items()}
-            if any("implausible" in text for text in said):
+            if any("implausible" in text for text in messages):
                 errors = {}  # they are not the sensor's, and that is said
             result |= {"errors": errors, "effects": list(improvement.effects), "verdict": last.verdict}
             if trial.kind == "shocks":
                 result["classes"] = {group.effect: list(group.members) for group in improvement.classes}
-    result["said"] = [text.replace(folder, "") for text in said]
+    result["said"] = [text.replace(folder, "") for text in messages]
     return result
 
 

@@ -40,11 +40,11 @@ def planted(trial: Trial, folder: Path) -> tuple[Hidden, str]:
 def outcome_of(trial: Trial) -> Outcome:
     """What `improve` says of a record beside what is in it."""
     with tempfile.TemporaryDirectory() as folder:
-        made, hidden = planted(trial, Path(folder))
-        found = ac.improve(made.recording)
-    names = [name for name in found.effects if name != "time_offset"]
-    members = [list(group.members) for group in found.classes if group.effect in names]
-    fit, truth = found.best, made.truth
+        record, hidden = planted(trial, Path(folder))
+        improvement = ac.improve(record.recording)
+    names = [name for name in improvement.effects if name != "time_offset"]
+    members = [list(group.members) for group in improvement.classes if group.effect in names]
+    fit, truth = improvement.best, record.truth
     off = {"bias": 0.0}
     if names == [hidden] or not names:
         # beside a transverse channel the bias is that at its mean
@@ -53,7 +53,7 @@ def outcome_of(trial: Trial) -> Outcome:
         )
         expected = {**truth, "bias": truth["bias"] + at_mean}
         off = {e.name: (e.value - expected[e.name]) / e.std for e in fit.estimates if e.name in expected}
-    rises = any(one.code == "heldout_rises" for one in found.diagnosis.remarks)
+    rises = any(remark.code == "heldout_rises" for remark in improvement.diagnosis.remarks)
     named = len(names) == 1 and hidden in members[0] if hidden else not names
     sized = not names or names != [hidden] or all(abs(x) < SIGMA for x in off.values())
     return {
@@ -63,10 +63,10 @@ def outcome_of(trial: Trial) -> Outcome:
         "truth": truth,
         "names": names,
         "members": members,
-        "verdict": found.verdict,
+        "verdict": improvement.verdict,
         "off": off,
         "rises": rises,
-        "right": bool(named and sized and not rises and (hidden or found.verdict == "adequate")),
+        "right": bool(named and sized and not rises and (hidden or improvement.verdict == "adequate")),
     }
 
 

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(
             f"contents {'identical' if same else 'DIFFER'}, {threads.stat().st_size / 1e6:.1f} MB; mean NEES {nees:.2f}"
         )
-    good = same and again == 0 and count.kept + count.computed == runs
+    good = same and again == 0 and count.stored + count.computed == runs
     print("all bars hold" if good else "A BAR IS MISSED")
     return 0 if good else 1
 

@@ -102,7 +102,7 @@ def run(trial: Trial) -> dict[str, Any]:
         "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in improvement.classes],
         "verdict": improvement.diagnosis.verdict,
         "sentence": improvement.diagnosis.sentence,
-        "remarks": [one.code for one in improvement.diagnosis.remarks],
+        "remarks": [remark.code for remark in improvement.diagnosis.remarks],
         "seconds": time.process_time() - begin,
     }
 
@@ -202,8 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def rows(outcomes: Sequence[dict[str, Any]]) -> Iterator[str]:
     """What came out, record by record."""
     for o in sorted(outcomes, key=lambda o: (o["kind"], o["number"])):
-        said = o.get("skipped") or o.get("error") or f"{o['verdict']}; {o['classes']}; {o['seconds']:.1f} s"
-        yield f"{o['kind']} {o['number']}: {said}"
+        message = o.get("skipped") or o.get("error") or f"{o['verdict']}; {o['classes']}; {o['seconds']:.1f} s"
+        yield f"{o['kind']} {o['number']}: {message}"
 
 
 if __name__ == "__main__":

@@ -85,11 +85,11 @@ class Trial:
         noise = float(np.sqrt(variance * 12.0 / 13.0))  # the counts, as wide as it, are the rest
         names = (self.name,) if self.name else ()
         nuisances = replace(beside(names, Nuisances.draw(rng)), vibration=0.0)
-        made = World(motion, sensor, seed=int(rng.integers(2**31)), nuisances=nuisances)
-        made = replace(made, encoder_rate=rate, encoder_noise=noise, resolution=noise)
+        changed = World(motion, sensor, seed=int(rng.integers(2**31)), nuisances=nuisances)
+        changed = replace(changed, encoder_rate=rate, encoder_noise=noise, resolution=noise)
         if names:
-            made = at_d(replace(made, hidden=(hide(self.name, rng.choice([-1.0, 1.0])),)), D)
-        return made, crossover
+            changed = at_d(replace(changed, hidden=(hide(self.name, rng.choice([-1.0, 1.0])),)), D)
+        return changed, crossover
 
 
 def run(trial: Trial) -> Outcome:
@@ -115,7 +115,7 @@ def run(trial: Trial) -> Outcome:
         **improved(improvement, record.world),
         "names": [trial.name] if trial.name else [],
         "nuisances": {"vibration": 0.0, "converter_bits": world.nuisances.converter_bits},
-        "remarks": [one.sentence for one in fit.remarks],
+        "remarks": [remark.sentence for remark in fit.remarks],
         "method": fit.method,
         "z": {} if trial.name else errors(fit, record.world),
         "seconds": time.process_time() - begin,
@@ -135,11 +135,11 @@ def errors(fit: Fit, world: World) -> dict[str, float]:
     }
     names = [estimate.name for estimate in fit.estimates]
     off = np.array([estimate.value - truth[estimate.name] for estimate in fit.estimates])
-    found = {}
+    results = {}
     for name, parts in COUNTED.items():
-        sum_of = np.array([float(each in parts) for each in names])
-        found[name] = float(sum_of @ off / np.sqrt(sum_of @ fit.covariance @ sum_of))
-    return found
+        sum_of = np.array([float(item in parts) for item in names])
+        results[name] = float(sum_of @ off / np.sqrt(sum_of @ fit.covariance @ sum_of))
+    return results
 
 
 def null(outcome: Outcome) -> tuple[str, str, Sequence[str]] | None:
@@ -152,37 +152,43 @@ def found_hidden(outcomes: Sequence[Outcome]) -> bool:
     """Print how many hidden effects are in a reported class; whether enough are."""
     holds = True
     for method in ("weak", "replay"):
-        known = [one for one in outcomes if one.get("method") == method]
-        found = [one for one in known if in_class(one, one["name"])]
-        least = int(binom.ppf(0.025, max(1, len(known)), LEAST_IN_CLASS))
-        holds &= len(found) >= least
-        print(f"{method}: {len(found)} of {len(known)} effects at d = {D:g} in a reported class (at least {least})")
-        for one in known:
-            if one not in found:
-                print(f"  {one['key']}: crossover {one['crossover']:.3g}: {one['effects']}, {one['verdict']}")
-    for one in outcomes:
-        if "error" in one:
-            print(f"{one['key']}: crossover {one['crossover']:.3g}: {one['error'].splitlines()[-1]}")
-    return holds and not any("error" in one for one in outcomes)
+        scored = [outcome for outcome in outcomes if outcome.get("method") == method]
+        results = [outcome for outcome in scored if in_class(outcome, outcome["name"])]
+        least = int(binom.ppf(0.025, max(1, len(scored)), LEAST_IN_CLASS))
+        holds &= len(results) >= least
+        print(f"{method}: {len(results)} of {len(scored)} effects at d = {D:g} in a reported class (at least {least})")
+        for outcome in scored:
+            if outcome not in results:
+                print(
+                    f"  {outcome['key']}: crossover {outcome['crossover']:.3g}: "
+                    f"{outcome['effects']}, {outcome['verdict']}"
+                )
+    for outcome in outcomes:
+        if "error" in outcome:
+            print(f"{outcome['key']}: crossover {outcome['crossover']:.3g}: {outcome['error'].splitlines()[-1]}")
+    return holds and not any("error" in outcome for outcome in outcomes)
 
 
 def report(outcomes: Sequence[Outcome]) -> bool:
     """Print figure, count and threshold of every claim on nulls; whether all hold."""
-    known = [one for one in outcomes if "error" not in one]
-    for one in outcomes:
-        if "error" in one:
-            print(f"{one['key']}: crossover {one['crossover']:.3g}: {one['error'].splitlines()[-1]}")
-    named = [one for one in known if one["effects"]]
-    for one in named:
-        print(f"{one['key']}: crossover {one['crossover']:.3g}, {one['sensor']}, {one['motion']}: {one['effects']}")
-    most = int(binom.ppf(0.975, max(1, len(known)), NAMED))
-    adequate = sum(one["verdict"] == "adequate" for one in known)
-    weak = sum(one["method"] == "weak" for one in known)
-    print(f"{len(known)} records, {weak} by the weak form; something is named in {len(named)} (at most {most})")
-    print(f"verdict adequate: {adequate} of {len(known)}")
-    holds = len(named) <= most and len(known) == len(outcomes)
+    scored = [outcome for outcome in outcomes if "error" not in outcome]
+    for outcome in outcomes:
+        if "error" in outcome:
+            print(f"{outcome['key']}: crossover {outcome['crossover']:.3g}: {outcome['error'].splitlines()[-1]}")
+    named = [outcome for outcome in scored if outcome["effects"]]
+    for outcome in named:
+        print(
+            f"{outcome['key']}: crossover {outcome['crossover']:.3g}, {outcome['sensor']}, {outcome['motion']}: "
+            f"{outcome['effects']}"
+        )
+    most = int(binom.ppf(0.975, max(1, len(scored)), NAMED))
+    adequate = sum(outcome["verdict"] == "adequate" for outcome in scored)
+    weak = sum(outcome["method"] == "weak" for outcome in scored)
+    print(f"{len(scored)} records, {weak} by the weak form; something is named in {len(named)} (at most {most})")
+    print(f"verdict adequate: {adequate} of {len(scored)}")
+    holds = len(named) <= most and len(scored) == len(outcomes)
     for name in COUNTED:
-        z = np.array([one["z"][name] for one in known])
+        z = np.array([outcome["z"][name] for outcome in scored])
         rms = float(np.sqrt(np.mean(z**2)))
         low, high = EVEN if len(z) >= ENOUGH else np.sqrt(chi2.ppf([0.005, 0.995], len(z)) / len(z))
         holds &= bool(low <= rms <= high)

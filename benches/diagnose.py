@@ -73,9 +73,9 @@ def cost(path: Path, fitted: float, repeats: int, method: str = "auto") -> dict[
 
 def nonlinear_record(samples: int) -> Recording:
     """The record of `benches.fit` with a small second-order nonlinearity of the output."""
-    made = record(samples)
-    made.accel.y[:] += QUADRATIC * made.accel.y**2
-    return made
+    recording = record(samples)
+    recording.accel.y[:] += QUADRATIC * recording.accel.y**2
+    return recording
 
 
 def print_cost(name: str, cost: dict[str, float]) -> None:
@@ -89,14 +89,14 @@ def print_cost(name: str, cost: dict[str, float]) -> None:
 
 def by_the_weak_form() -> bool:
     """Ten minutes and one hour with all candidates; whether time is linear and memory bounded."""
-    found = []
+    results = []
     with tempfile.TemporaryDirectory() as folder:
         for name, samples in (("10 minutes", 1_000_200), ("1 hour", 6_001_200)):
             path = Path(folder, f"{samples}.parquet")
             write_sample(nonlinear_record(samples), path)
-            found.append(cost(path, 60.0, 1, "weak"))
-            print_cost(f"{name} by the weak form", found[-1])
-    ten, hour = found
+            results.append(cost(path, 60.0, 1, "weak"))
+            print_cost(f"{name} by the weak form", results[-1])
+    ten, hour = results
     ratio = hour["seconds"] / ten["seconds"] / (hour["samples"] / ten["samples"])
     return held(
         ("time per sample, an hour over ten minutes", ratio, LINEAR),

@@ -54,22 +54,22 @@ def run(trial: Trial) -> dict[str, Any]:
 
 def run_faulty(trial: Trial) -> dict[str, Any]:
     """Fit it once as it should be, and once for each fault."""
-    recording, found = built(trial), {"key": trial.key}
+    recording, result = built(trial), {"key": trial.key}
     with_fault: list[dict[str, Any]] = []
     try:
         healthy = solve_runs(Model.linear(), [recording], engine=ENGINES["replay"])
         std = float(np.sqrt(healthy.covariance[1, 1]))
         for fault in FAULTS:
             drive.INTERPOLATION = fault
-            one = compared(f"{trial.key}{fault}", recording)
-            if "values" in one:
-                moved = abs(one["values"]["scale_factor"] - healthy.states[0].values.by_name["scale_factor"])
-                with_fault.append({**one, "moved": moved / std})
+            comparison = compared(f"{trial.key}{fault}", recording)
+            if "values" in comparison:
+                moved = abs(comparison["values"]["scale_factor"] - healthy.states[0].values.by_name["scale_factor"])
+                with_fault.append({**comparison, "moved": moved / std})
     except Exception as error:  # what no engine can fit is no comparison
-        return {**found, "error": f"{type(error).__name__}: {error}", "faults": []}
+        return {**result, "error": f"{type(error).__name__}: {error}", "faults": []}
     finally:
         drive.INTERPOLATION = "cubic"
-    return {**found, "faults": with_fault}
+    return {**result, "faults": with_fault}
 
 
 def built(trial: Trial) -> Recording:
@@ -86,17 +86,17 @@ def compared(key: str, recording: Recording) -> dict[str, Any]:
         solution = solve_runs(Model.linear(), [recording], engine=ENGINES["replay"])
         fitted = time.process_time()
         outcome["values"] = dict(solution.states[0].values.by_name)
-        found = differences(solution)
+        result = differences(solution)
     except Exception as error:
         return {**outcome, "error": f"{type(error).__name__}: {error}"}
-    if not found:
+    if not result:
         return outcome
     std = dict(zip([t.name for t, _ in solution.layout.slots], np.sqrt(np.diag(solution.covariance)), strict=True))
     return {
         **outcome,
-        "names": [one.name for one in found],
-        "sigma": [one.sigma for one in found],
-        "shift": [(one.weak - one.replay) / std[one.name] for one in found],
+        "names": [item.name for item in result],
+        "sigma": [item.sigma for item in result],
+        "shift": [(item.weak - item.replay) / std[item.name] for item in result],
         "fit": fitted - begin,
         "both": time.process_time() - fitted,
     }
@@ -128,28 +128,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def beyond_sampling(trial: Trial) -> bool:
     """Whether the verdict says that the motion of a record is beyond its sampling, so that neither engine is valid."""
     runs = [state.run for state in solve_runs(Model.linear(), [built(trial)]).states]
-    return any(one.code == "motion_beyond_sampling" for one in unresolved_motion(SimpleNamespace(runs=runs)))
+    return any(note.code == "motion_beyond_sampling" for note in unresolved_motion(SimpleNamespace(runs=runs)))
 
 
 def nulls(outcomes: Sequence[dict[str, Any]], trials: Mapping[str, Trial]) -> int:
     """Print every alarm, then counts; 1 where there are too many."""
-    refused = [one for one in outcomes if "error" in one]
-    compared = [one for one in outcomes if one.get("sigma")]
+    refused = [alarm for alarm in outcomes if "error" in alarm]
+    compared = [alarm for alarm in outcomes if alarm.get("sigma")]
     none = len(outcomes) - len(refused) - len(compared)
-    alarms = [one for one in compared if worst(one) > ENGINES_APART]
-    invalid = [one["key"] for one in alarms if beyond_sampling(trials[one["key"]])]
-    for one in alarms:
-        k = int(np.argmax(np.abs(one["sigma"])))
+    alarms = [alarm for alarm in compared if worst(alarm) > ENGINES_APART]
+    invalid = [alarm["key"] for alarm in alarms if beyond_sampling(trials[alarm["key"]])]
+    for alarm in alarms:
+        k = int(np.argmax(np.abs(alarm["sigma"])))
         print(
-            f"{one['key']}: {one['names'][k]} {one['sigma'][k]:.1f} standard deviations of the difference, "
-            f"{one['shift'][k]:.2f} of the estimate{', motion beyond the sampling' * (one['key'] in invalid)}"
+            f"{alarm['key']}: {alarm['names'][k]} {alarm['sigma'][k]:.1f} standard deviations of the difference, "
+            f"{alarm['shift'][k]:.2f} of the estimate{', motion beyond the sampling' * (alarm['key'] in invalid)}"
         )
-    shift = np.abs(np.concatenate([one["shift"] for one in compared]))
+    shift = np.abs(np.concatenate([alarm["shift"] for alarm in compared]))
     allowed = int(binom.ppf(0.975, len(compared), FALSE_ALARMS))
     print(f"{len(outcomes)} records, {len(refused)} that no fit takes, {none} that are not compared")
     middle, most = np.median(shift), np.quantile(shift, 0.99)
     print(f"|difference| over the uncertainty: median {middle:.3f} (at most 0.5), 99 % {most:.2f}")
-    sigma = np.concatenate([one["sigma"] for one in compared])
+    sigma = np.concatenate([alarm["sigma"] for alarm in compared])
     for name, those in (
         ("all", sigma),
         ("whose own exceeds three times the least", sigma[shift > ABOVE_LEAST * np.abs(sigma)]),
@@ -157,23 +157,24 @@ def nulls(outcomes: Sequence[dict[str, Any]], trials: Mapping[str, Trial]) -> in
         print(f"difference over its own uncertainty, {name}: rms {np.sqrt(np.mean(those**2)):.2f} of {len(those)}")
     counted = len(alarms) - len(invalid)
     print(f"alarms: {len(alarms)} of {len(compared)}; where both are valid {counted} (at most {allowed})")
-    both, fit = (sum(one[name] for one in compared) for name in ("both", "fit"))
+    both, fit = (sum(alarm[name] for alarm in compared) for name in ("both", "fit"))
     print(f"processor time of the comparison over that of the fit: {both / fit:.2f}")
     return 0 if counted <= allowed else 1
 
 
 def faults(outcomes: Sequence[dict[str, Any]]) -> int:
     """Print every fault that is not seen, then counts; 1 where there are too many."""
-    counted = [one for outcome in outcomes for one in outcome["faults"] if one["moved"] >= MOVED]
-    seen = [one for one in counted if worst(one) > ENGINES_APART]
-    for one in counted:
-        if one not in seen:
+    counted = [fault for outcome in outcomes for fault in outcome["faults"] if fault["moved"] >= MOVED]
+    apart = [fault for fault in counted if worst(fault) > ENGINES_APART]
+    for fault in counted:
+        if fault not in apart:
             print(
-                f"{one['key']}: the scale factor moves by {one['moved']:.0f} standard deviations, {worst(one):.1f} seen"
+                f"{fault['key']}: the scale factor moves by {fault['moved']:.0f} standard deviations, "
+                f"{worst(fault):.1f} seen"
             )
     least = int(binom.ppf(0.025, len(counted), LEAST_FAULTS))
-    print(f"faults that are seen: {len(seen)} of {len(counted)} (at least {least})")
-    return 0 if counted and len(seen) >= least else 1
+    print(f"faults that are seen: {len(apart)} of {len(counted)} (at least {least})")
+    return 0 if counted and len(apart) >= least else 1
 
 
 if __name__ == "__main__":

@@ -51,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     skipped = len(done) - len(scored)
     missed = False
     for what, before, after in (
-        ("accelerometer-side residual", [one["residual"][0] for one in scored], [one["residual"][1] for one in scored]),
-        ("drift after 10 s", [one["base"] for one in scored], [one["added"] for one in scored]),
+        ("accelerometer-side residual", [row["residual"][0] for row in scored], [row["residual"][1] for row in scored]),
+        ("drift after 10 s", [row["base"] for row in scored], [row["added"] for row in scored]),
     ):
         worse = [n for n in range(len(scored)) if not after[n] <= before[n]]
         few = scipy.stats.binom.ppf(1.0 - CHANCE, len(scored), 1.0 - SHARE)
@@ -86,7 +86,7 @@ def run(trial: Trial) -> Outcome:
     if None in drifts:
         return {"key": trial.key, "skipped": "shorter than 10 s"}
     seconds = time.process_time() - begin
-    found = {
+    results = {
         "hidden": [[h.name, h.magnitude] for h in settled.hidden],
         "base": drifts[0],
         "added": drifts[1],
@@ -95,7 +95,7 @@ def run(trial: Trial) -> Outcome:
         "residual": [before.accel_rms, after.accel_rms],
         "seconds": seconds,
     }
-    return {"key": trial.key, "motion": world.motion, "sensor": world.sensor, **found}
+    return {"key": trial.key, "motion": world.motion, "sensor": world.sensor, **results}
 
 
 if __name__ == "__main__":

@@ -35,14 +35,14 @@ TYPE = ac.Prior(0.012, 1e-4)
 """Scale factor of a type."""
 
 
-def made(folder: Path, count: int) -> list[str]:
+def recordings_of(folder: Path, count: int) -> list[str]:
     """Recordings of many sensors."""
     rng, sources = np.random.default_rng(16), []
     for k in range(min(DIFFERENT, count)):
         truth = {"bias": 0.05 + 0.01 * rng.standard_normal(), "scale_factor": 0.01}
-        one = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
+        recording = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         path = folder / f"source{k}.parquet"
-        write_recording(replace(one, name=path.name), path)
+        write_recording(replace(recording, name=path.name), path)
         sources.append(path)
     files = []
     for k in range(count):
@@ -93,7 +93,7 @@ def main() -> None:
         raise SystemExit(types(given.types))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = made(folder, given.count)
+        files = recordings_of(folder, given.count)
         fit_of(Path(files[0]))
         start = time.process_time()
         for path in files[:DIFFERENT]:
@@ -101,23 +101,23 @@ def main() -> None:
         single = (time.process_time() - start) / min(DIFFERENT, given.count)
         before, start = peak(), time.process_time()
         serial = campaign.run(fit_of, files, store=folder / "a.sqlite", batch=1, executor=OneThread())
-        each = (time.process_time() - start) / given.count
-        found = summarise(campaign.load(folder / "a.sqlite"))
-        ratio = f"{each:.3f} s each, single fit {single:.3f} s: {each / single:.3f} ({LIMIT})"
+        item = (time.process_time() - start) / given.count
+        result = summarise(campaign.load(folder / "a.sqlite"))
+        ratio = f"{item:.3f} s each, single fit {single:.3f} s: {item / single:.3f} ({LIMIT})"
         print(f"{serial.computed} recordings: {ratio}")
         print(f"peak memory {before:.0f} MB after {DIFFERENT} fits, {peak():.0f} MB after {given.count}")
         few = min(given.count, SENSORS)
         half = folder / "half.sqlite"
         campaign.run(fit_of, files[: few // 2], store=half, batch=1, executor=OneThread())
         again = campaign.run(fit_of, files[:few], store=half, batch=1)
-        print(f"resumed after {few // 2}: {again.computed} computed, {again.kept} kept")
+        print(f"resumed after {few // 2}: {again.computed} computed, {again.stored} kept")
         texts = []
         for workers in (1, 2):
             command = [sys.executable, "-m", "accelcal", "fleet", *sorted({str(Path(f).parent) for f in files})[:4]]
             store = ["--store", str(folder / f"w{workers}.sqlite"), "--workers", str(workers), "--json"]
             texts.append(subprocess.run([*command, *store], capture_output=True, text=True, check=True).stdout)
         same = len(set(texts)) == 1
-        size = len(found.to_json())
+        size = len(result.to_json())
         print(f"same bytes on 1 and 2 workers: {same}; summary of {given.count} runs: {size} bytes")
 
 

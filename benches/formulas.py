@@ -99,35 +99,35 @@ NONE = {
 }
 
 
-def record(rng: np.random.Generator, one: World, size: float) -> Recording:
+def record(rng: np.random.Generator, law: World, size: float) -> Recording:
     """A record with the function in its output."""
-    made = ac.simulate("interleaved", seconds=60.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
-    accel = made.recording.accel
-    p, v, a, _ = made.truth.motion.derivatives(accel.t)
-    y = accel.y + size * one.function({V: v, P: p, A: a}[one.curve])
-    return replace(made.recording, accel=replace(accel, y=y), digest=f"{rng.integers(1 << 60)}")
+    simulation = ac.simulate("interleaved", seconds=60.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    accel = simulation.recording.accel
+    p, v, a, _ = simulation.truth.motion.derivatives(accel.t)
+    y = accel.y + size * law.function({V: v, P: p, A: a}[law.curve])
+    return replace(simulation.recording, accel=replace(accel, y=y), digest=f"{rng.integers(1 << 60)}")
 
 
-def size_at(d: float, seed: int, one: World) -> float:
+def size_at(d: float, seed: int, law: World) -> float:
     """Size of the function at which it is d standard deviations, from a record without it."""
-    run = record(np.random.default_rng(seed), one, 0.0)
+    run = record(np.random.default_rng(seed), law, 0.0)
     state = solve_runs(ac.Model.linear(), [run]).states[0]
-    x = value_of(state.signals, find(one.curve))
+    x = value_of(state.signals, find(law.curve))
     nodes = nodes_over(x)
-    y = one.function(nodes)
-    return d / float(np.sqrt(y @ HatGram(state, ac.Model.linear(), find(one.curve), nodes).G @ y))
+    y = law.function(nodes)
+    return d / float(np.sqrt(y @ HatGram(state, ac.Model.linear(), find(law.curve), nodes).G @ y))
 
 
-def records(seed: tuple[int, ...], one: World, size: float) -> tuple[Recording, Recording]:
+def records(seed: tuple[int, ...], law: World, size: float) -> tuple[Recording, Recording]:
     """A record to learn from, and one that is held out."""
-    run, other = (record(np.random.default_rng([*seed, k]), one, size) for k in range(2))
+    run, other = (record(np.random.default_rng([*seed, k]), law, size) for k in range(2))
     return run, other
 
 
-def answer(one: World, runs: tuple[Recording, Recording]) -> FormulaSet:
+def answer(law: World, runs: tuple[Recording, Recording]) -> FormulaSet:
     """What the product says of one record."""
     run, other = runs
-    return ac.formulas(ac.fit(run), run, one.curve, holdout=other)
+    return ac.formulas(ac.fit(run), run, law.curve, holdout=other)
 
 
 def normalised(value: float, interval: tuple[float, float], truth: float) -> float:
@@ -136,21 +136,21 @@ def normalised(value: float, interval: tuple[float, float], truth: float) -> flo
     return (value - truth) / (value - low if truth < value else high - value)
 
 
-def held_out_errors(one: World, runs: tuple[Recording, Recording], found: FormulaSet) -> tuple[float, float]:
+def held_out_errors(law: World, runs: tuple[Recording, Recording], formula_set: FormulaSet) -> tuple[float, float]:
     """Drift after `HORIZON` on the record that is held out: with the first formula, and with the true function, m."""
     run, other = runs
-    curve = find(one.curve)
+    curve = find(law.curve)
     true = replace(
         curve,
         name="true_function",
-        function=lambda s: one.function(value_of(s, curve)),
+        function=lambda s: law.function(value_of(s, curve)),
         shapes={},
         parts=("",),
         traits=replace(curve.traits, memory=True),
         family=None,
     )
     drifts = []
-    for effect in (found.formulas[0].effect("first_formula").effect, true):
+    for effect in (formula_set.formulas[0].effect("first_formula").effect, true):
         CATALOGUE[effect.name] = effect
         fit = ac.fit(run, ac.Model.linear().add(effect.name))
         drifts.append(rms(Prediction.of(fit, other).at_horizon(HORIZON).rezeroed) or 0.0)
@@ -169,26 +169,26 @@ def main() -> None:
     sizes: list[int] = []
     z: list[float] = []
     errors: list[tuple[float, float]] = []
-    for number, (name, one) in enumerate(WORLDS.items()):
-        size, hits, singles, bad, first = size_at(given.d, number, one), 0, 0, 0, len(z)
+    for number, (name, law) in enumerate(WORLDS.items()):
+        size, hits, singles, bad, first = size_at(given.d, number, law), 0, 0, 0, len(z)
         for k in range(given.seeds):
-            runs = records((given.seed, number, k), one, size)
-            found = answer(one, runs)
-            forms = [frozenset(each.elements) for each in found.formulas]
-            true = one.elements in forms
+            runs = records((given.seed, number, k), law, size)
+            results = answer(law, runs)
+            forms = [frozenset(item.elements) for item in results.formulas]
+            true = law.elements in forms
             hits, total = hits + true, total + 1
             singles += true and len(forms) == 1
             bad += len(forms) == 1 and not true
             sizes.append(len(forms))
-            if true and one.inner is not None:
-                each = found.formulas[forms.index(one.elements)]
-                if each.inner is not None and each.inner_interval is not None:
-                    z.append(normalised(each.inner, each.inner_interval, one.inner))
-            if found.formulas:
-                errors.append(held_out_errors(one, runs, found))
-        own = f", inner parameter off by {np.round(z[first:], 1).tolist()} sigma" if z[first:] else ""
+            if true and law.inner is not None:
+                item = results.formulas[forms.index(law.elements)]
+                if item.inner is not None and item.inner_interval is not None:
+                    z.append(normalised(item.inner, item.inner_interval, law.inner))
+            if results.formulas:
+                errors.append(held_out_errors(law, runs, results))
+        inner = f", inner parameter off by {np.round(z[first:], 1).tolist()} sigma" if z[first:] else ""
         counts = f"true form in the set {hits}, alone {singles}, wrong alone {bad} of {given.seeds}"
-        print(f"{name}: {counts}{own}", flush=True)
+        print(f"{name}: {counts}{inner}", flush=True)
         inside, alone, wrong = inside + hits, alone + singles, wrong + bad
     least = int(stats.binom.ppf(0.025, total, 0.8))
     print(f"d = {given.d:g}: true form in the set {inside} of {total} (80 %: least {least}), alone {alone}")
@@ -202,11 +202,11 @@ def main() -> None:
         f"{ratio:.3f} (at most 1.05); each alone: median {np.median(formula / true):.3f}, within 5 % "
         f"{int(np.sum(formula < 1.05 * true))} of {len(errors)}"
     )
-    for number, (name, one) in enumerate(NONE.items()):
-        size = size_at(3.0 * given.d, number, one)
-        found = [answer(one, records((given.seed, 100 + number, k), one, size)) for k in range(given.seeds)]
-        said = sum(not each.formulas for each in found)
-        print(f"{name} at {3 * given.d:g}: no short formula in {said} of {given.seeds}", flush=True)
+    for number, (name, law) in enumerate(NONE.items()):
+        size = size_at(3.0 * given.d, number, law)
+        results = [answer(law, records((given.seed, 100 + number, k), law, size)) for k in range(given.seeds)]
+        empty = sum(not item.formulas for item in results)
+        print(f"{name} at {3 * given.d:g}: no short formula in {empty} of {given.seeds}", flush=True)
 
 
 if __name__ == "__main__":

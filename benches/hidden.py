@@ -15,7 +15,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from benches.outcomes import cost, counted, kept, run_all
+from benches.outcomes import cost, counted, earlier_outcomes, run_all
 from tests.hidden.trials import Outcome, Trial, plan, run
 from tests.hidden.verdicts import Line, falsely_named, lines
 
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help="put the table into docs/hidden.md")
     chosen = parser.parse_args(arguments)
     effects = [name for name in chosen.effects.split(",") if name]
-    found: list[Line] = []
+    results: list[Line] = []
     searched: list[Outcome] = []
     for group in chosen.group or (1, 2, 3, 4, 5, 6, 7, 8):
         if group != 7:
@@ -44,17 +44,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             outcomes = run_all(partial(counted, guarded), trials, chosen.out / f"group{group}.jsonl", 2, null)
             searched += outcomes if group != 8 else []  # which compares with the truth as well
         else:
-            outcomes = [o for b in (1, 2) for o in kept(chosen.out / f"group{b}.jsonl")]
+            outcomes = [o for b in (1, 2) for o in earlier_outcomes(chosen.out / f"group{b}.jsonl")]
         for line in lines(group, outcomes):
             print(line.text, flush=True)
-            found.append(line)
-    table = markdown(found)
+            results.append(line)
+    table = markdown(results)
     print("\n" + table)
     if chosen.write:
         Path("docs/hidden.md").write_text(PREFACE + table, encoding="utf-8")
     text, fast = cost(searched)
     print(text)
-    return 0 if fast and all(line.holds for line in found) else 1
+    return 0 if fast and all(line.holds for line in results) else 1
 
 
 PREFACE = """# Hidden effects: the acceptance table
@@ -79,10 +79,10 @@ def guarded(trial: Trial) -> Outcome:
         return {"key": trial.key, "names": list(trial.names), "d": trial.d, "error": traceback.format_exc()}
 
 
-def markdown(found: Sequence[Line]) -> str:
+def markdown(results: Sequence[Line]) -> str:
     """The table."""
     rows = ["| group | claim | figure | count | threshold | holds |", "|---|---|---|---|---|---|"]
-    rows += [f"| {x.group} | {x.claim} | {x.figure} | {x.count} | {x.threshold} | {_yes(x)} |" for x in found]
+    rows += [f"| {x.group} | {x.claim} | {x.figure} | {x.count} | {x.threshold} | {_yes(x)} |" for x in results]
     return "\n".join(rows) + "\n"
 
 

@@ -147,7 +147,7 @@ def scored(improvement: verbs.Improvement, untouched: Recording) -> Outcome:
     evaluations = list(verbs.compare([step.fit for step in improvement.steps], untouched))
     rises = {}
     for horizon in evaluations[0].drifts:
-        errors = [one.coast_rms[horizon] for one in evaluations]
+        errors = [remark.coast_rms[horizon] for remark in evaluations]
         if any(error is None for error in errors):
             continue
         best = min(range(len(evaluations)), key=lambda i: errors[i])
@@ -158,7 +158,7 @@ def scored(improvement: verbs.Improvement, untouched: Recording) -> Outcome:
             "percent": 100.0 * (errors[-1] / errors[best] - 1.0),
             "sigma": None if change is None else change.sigma,
         }
-    notes = [(one.code, one.sentence) for one in improvement.diagnosis.remarks]
+    notes = [(remark.code, remark.sentence) for remark in improvement.diagnosis.remarks]
     return {
         "effects": list(improvement.effects),
         "steps": [list(step.effects) for step in improvement.steps],
@@ -173,8 +173,8 @@ def scored(improvement: verbs.Improvement, untouched: Recording) -> Outcome:
 def worse(outcome: Outcome) -> bool:
     """Whether the last step is worse than the best at any horizon, surely."""
     return any(
-        one["percent"] > WORSE and one["sigma"] is not None and one["sigma"] > SIGMA
-        for one in outcome.get("rises", {}).values()
+        rise["percent"] > WORSE and rise["sigma"] is not None and rise["sigma"] > SIGMA
+        for rise in outcome.get("rises", {}).values()
     )
 
 

@@ -76,11 +76,11 @@ def record(trial: Trial) -> Recording:
     if clips == "element clips":
         u = np.clip(u, -limit, limit)
     if lowpass is not None:  # of straight lines between the steps, but for the start, which is forgotten
-        kept = float(np.exp(-1.0 / (RATE * FINER * lowpass.tau)))
+        decay = float(np.exp(-1.0 / (RATE * FINER * lowpass.tau)))
         middle, lagged, state = 0.5 * (u[1:] + u[:-1]), np.empty_like(u), float(u[0])
         lagged[0] = state
         for k, value in enumerate(middle.tolist(), start=1):
-            state = kept * state + (1.0 - kept) * value
+            state = decay * state + (1.0 - decay) * value
             lagged[k] = state
         u = lagged
     noise, count = float(10.0 ** rng.uniform(-3.0, -2.0)), 2.0 * limit / 2**16
@@ -98,13 +98,13 @@ def outcome(trial: Trial) -> Outcome:
     step = improve(recording)
     base, last = step.steps[0].fit, step.diagnosis
     errors = {name: (base[name].value - value) / base[name].std for name, value in TRUTH.items()}
-    told = [remark for remark in last.remarks if remark.code == "saturated"]
+    messages = [remark for remark in last.remarks if remark.code == "saturated"]
     codes = [remark.code for remark in last.remarks]
-    right = bool(told) and not step.effects and last.verdict == "adequate" and "turning_sensor" not in codes
+    right = bool(messages) and not step.effects and last.verdict == "adequate" and "turning_sensor" not in codes
     return {
         "key": trial.key,
         "clips": CLIPS[trial.number % len(CLIPS)],
-        "share": sum(float(remark.values["share"]) for remark in told),
+        "share": sum(float(remark.values["share"]) for remark in messages),
         "errors": errors,
         "with_them": estimate(Model.linear(), recording)["scale_factor"].value,
         "effects": list(step.effects),
@@ -124,14 +124,14 @@ def main() -> int:
     options = parser.parse_args()
     trials = [Trial(number, options.seed) for number in range(options.records)]
     outcomes = run_all(outcome, trials, options.out, options.workers)
-    for one in outcomes:
-        errors = ", ".join(f"{name} {error:+.1f}" for name, error in one["errors"].items())
-        said = " ".join((*one["effects"], one["verdict"], *one["remarks"]))
-        left_out, raw = one["share"], one["with_them"]
+    for row in outcomes:
+        errors = ", ".join(f"{name} {error:+.1f}" for name, error in row["errors"].items())
+        text = " ".join((*row["effects"], row["verdict"], *row["remarks"]))
+        left_out, raw = row["share"], row["with_them"]
         print(
-            f"{one['key']} {one['clips']}: {left_out:.1f} % left out; {errors} sigma (k {raw:+.4f} with them); {said}"
+            f"{row['key']} {row['clips']}: {left_out:.1f} % left out; {errors} sigma (k {raw:+.4f} with them); {text}"
         )
-    right = sum(one["right"] for one in outcomes)
+    right = sum(row["right"] for row in outcomes)
     print(f"right: {right} of {len(outcomes)}")
     return int(right < LEAST_RIGHT * len(outcomes))
 

@@ -114,9 +114,9 @@ def record(trial: Trial) -> Record:
         lowest, highest = PERIODS if wave else FREQUENCIES
         value = float(np.exp(rng.uniform(np.log(lowest), np.log(highest))))
         e = np.sin(2.0 * np.pi * (p / value if wave else value * t) + phase)
-        one = strength(e, rate, density, reading, at_output=not wave)
+        ratio = strength(e, rate, density, reading, at_output=not wave)
         d = float(np.exp(rng.uniform(np.log(LEAST_D), np.log(MOST_D))))
-        amplitude = d / one
+        amplitude = d / ratio
         if not wave or amplitude < LARGEST * value:
             break
     bias, k = rng.uniform(-0.2, 0.2), rng.uniform(-0.02, 0.02)
@@ -134,30 +134,32 @@ def run(trial: Trial) -> Outcome:
     """Diagnose, add what was named, diagnose again."""
     import accelcal as ac
 
-    made, started = record(trial), time.perf_counter()
-    rig = ac.Rig(ac.Sensor(noise=made.density))
+    planted_line, started = record(trial), time.perf_counter()
+    rig = ac.Rig(ac.Sensor(noise=planted_line.density))
     units = {"accel": "m/s^2", "position": "m"}
-    recording = ac.Recording.from_arrays(made.t, made.output, made.position, units=units, rig=rig)
+    recording = ac.Recording.from_arrays(
+        planted_line.t, planted_line.output, planted_line.position, units=units, rig=rig
+    )
     fit = ac.fit(recording)
     before = ac.diagnose(fit, recording)
     outcome: Outcome = {
         "key": trial.key,
-        "hidden": made.effect,
-        "value": made.value,
-        "amplitude": made.amplitude,
-        "d": made.d,
+        "hidden": planted_line.effect,
+        "value": planted_line.value,
+        "amplitude": planted_line.amplitude,
+        "d": planted_line.d,
         "named": before.effects,
         "before": before.sentence,
     }
     try:
-        grown = ac.add(fit, recording, made.effect)
+        grown = ac.add(fit, recording, planted_line.effect)
         after = ac.diagnose(grown, recording)
-        shape = next(e for e in grown.shapes if e.name == f"{made.effect}.{made.shape}")
-        sine, cosine = (grown[f"{made.effect}.{part}"] for part in ("sin", "cos"))
+        shape = next(e for e in grown.shapes if e.name == f"{planted_line.effect}.{planted_line.shape}")
+        sine, cosine = (grown[f"{planted_line.effect}.{part}"] for part in ("sin", "cos"))
         outcome |= {
             "shape": [shape.value, shape.std],
             "size": [float(np.hypot(sine.value, cosine.value)), float(max(sine.std, cosine.std))],
-            "remarks": [one.sentence for one in grown.remarks],
+            "remarks": [remark.sentence for remark in grown.remarks],
             "verdict": after.verdict,
             "after": after.sentence,
         }

@@ -109,9 +109,9 @@ def measured(arguments: argparse.Namespace, folder: Path) -> bool:
     place = other.stdout.readline().strip()
     source = ["--tcp", f"127.0.0.1:{place}"] if arguments.over == "tcp" else ["--serial", place, "--baud", "4000000"]
     command = [sys.executable, "-m", "accelcal", "live", *source, "--rig", str(folder / "rig.toml")]
-    with (folder / "said.jsonl").open("w") as said:
+    with (folder / "said.jsonl").open("w") as log:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        live = subprocess.Popen([*command, "-o", str(folder / "got.parquet"), "--json", "--every", "1 s"], stdout=said)
+        live = subprocess.Popen([*command, "-o", str(folder / "got.parquet"), "--json", "--every", "1 s"], stdout=log)
         while not (folder / "said.jsonl").stat().st_size:  # the source is open when something is said of it
             time.sleep(0.1)
         other.stdin.write("\n")
@@ -153,10 +153,10 @@ def equals_run(folder: Path) -> bool:
     accel = Channel("accel", recording.accel.t, settings.stage_output(recording.accel.y), "m/s^2")
     x0, P0 = settings.start(float(recording.position.y[0]), 0.0)
     q, r = settings.q, settings.r_position
-    found = run(settings.choice, accel, recording.position, q=q, r_position=r, x0=x0, P0=P0)
+    outcome = run(settings.choice, accel, recording.position, q=q, r_position=r, x0=x0, P0=P0)
     end = json.loads((folder / "said.jsonl").read_text().splitlines()[-1])
-    covariance = found.covariance
-    estimates = settings.estimates(found.states[-1], covariance)
+    covariance = outcome.covariance
+    estimates = settings.estimates(outcome.states[-1], covariance)
     shown = [(e["name"], e["value"], e["std"]) for e in end["state"]["estimates"]]
     return shown == [(e.name, e.value, e.std) for e in estimates]
 

@@ -36,19 +36,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tasks = [
         task for name, (_, share) in KINDS.items() for task in parts(name, math.ceil(share * chosen.draws), PART)
     ] + parts("LiveModel", chosen.models, PART // 20)
-    found = {name: Tally() for name, _, _ in tasks}
+    results = {name: Tally() for name, _, _ in tasks}
     with multiprocessing.Pool(chosen.workers) as pool:
         seeded = [(name, draws, (chosen.seed, at)) for at, (name, draws, _) in enumerate(tasks)]
         for name, part in pool.imap_unordered(run, seeded):
-            found[name].add(part)
+            results[name].add(part)
     print(f"{'kind':16}{'draws':>10}{'errors':>10}{'lost':>8}")
-    for name, total in found.items():
+    for name, total in results.items():
         print(f"{name:16}{total.draws:10}{total.refused:10}{total.lost:8}")
-    errors = sum((total.kinds for total in found.values()), start=Tally().kinds)
+    errors = sum((total.kinds for total in results.values()), start=Tally().kinds)
     for kind, count in errors.most_common():
         print(f"  {count} times {kind}")
-    models = found.pop("LiveModel", Tally())
-    draws, lost = sum(total.draws for total in found.values()), sum(total.lost for total in found.values())
+    models = results.pop("LiveModel", Tally())
+    draws, lost = sum(total.draws for total in results.values()), sum(total.lost for total in results.values())
     print()
     return max(
         verdict("live and batch filters: negative variance or NaN without an error", lost, draws, LOST),
@@ -69,10 +69,10 @@ def run(task: tuple[str, int, tuple[int, int]]) -> tuple[str, Tally]:
     return name, tally(work, draws, seed * 1_000_003 + at)
 
 
-def verdict(claim: str, found: int, count: int, limit: float) -> int:
+def verdict(claim: str, result: int, count: int, limit: float) -> int:
     """Print figure, count and threshold of a claim; 1 where it is missed."""
-    print(f"{claim}: {found} of {count} draws, limit {limit:g}: {'ok' if found <= limit else 'MISSED'}")
-    return int(found > limit)
+    print(f"{claim}: {result} of {count} draws, limit {limit:g}: {'ok' if result <= limit else 'MISSED'}")
+    return int(result > limit)
 
 
 if __name__ == "__main__":

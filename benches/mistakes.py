@@ -28,30 +28,30 @@ def outcome_of(trial: Trial) -> Outcome:
     """What `check`, `fit` and `improve` say of a record beside what is wrong in it."""
     with tempfile.TemporaryDirectory() as folder:
         if trial.kind == "mistake":
-            name, made, line = mistaken(trial.number, trial.seed)
+            name, record, line = mistaken(trial.number, trial.seed)
         else:
             name = list(MOTIONS)[trial.number % len(MOTIONS)]
-            made, line = honest(10_000 * trial.seed + trial.number, name), ""
-        path, names, verdict = made.write(Path(folder)), [], ""
+            record, line = honest(10_000 * trial.seed + trial.number, name), ""
+        path, names, verdict = record.write(Path(folder)), [], ""
         recording = ac.load(path)
         checked = suspicion(recording)
         try:
             fit = ac.fit(recording)
-            said = " ".join(note.sentence for note in fit.remarks)
+            text = " ".join(note.sentence for note in fit.remarks)
             if line:
                 better = ac.improve(recording)
                 names, verdict = list(better.effects), better.verdict
         except ValueError as error:
-            said = str(error)
-    accused = [word for word in ACCUSED if word in f"{said} {checked}"]
-    right = (line in said and not names and verdict != "adequate") if line else not accused
+            text = str(error)
+    accused = [word for word in ACCUSED if word in f"{text} {checked}"]
+    right = (line in text and not names and verdict != "adequate") if line else not accused
     return {
         "key": trial.key,
         "kind": trial.kind,
         "name": name,
-        "k": made.k,
+        "k": record.k,
         "line": line,
-        "said": said,
+        "said": text,
         "checked": checked,
         "names": names,
         "verdict": verdict,

@@ -149,8 +149,8 @@ class Record:
             nothing = np.full(len(stamps), np.nan), np.full(n, np.nan)
             rows = Rows(both[order], np.concatenate([u, nothing[0]])[order], np.concatenate([nothing[1], z])[order])
         if rig.lost:
-            kept = rng.uniform(size=len(rows.t)) >= rig.lost
-            rows = Rows(rows.t[kept], rows.accel[kept], rows.position[kept])
+            remaining = rng.uniform(size=len(rows.t)) >= rig.lost
+            rows = Rows(rows.t[remaining], rows.accel[remaining], rows.position[remaining])
         return rows
 
     def _read(self, x: Array, t: Array) -> Array:

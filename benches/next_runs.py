@@ -227,8 +227,8 @@ def judged(outcomes: list[dict[str, Any]]) -> None:
         ratio = np.median([s["reached"] / s["predicted"] for s in steps])
         print(f"least distance of two causes over that predicted, {len(steps)}: {ratio:.2f} in the median (0.8 to 1.2)")
     copies = [o for o in outcomes if o["same"] and "steps" in o]
-    said = sum(not o["cause"] for o in copies)
-    print(f"of {len(copies)} with a copy of the cause {said} end without a name")
+    without_cause = sum(not o["cause"] for o in copies)
+    print(f"of {len(copies)} with a copy of the cause {without_cause} end without a name")
 
 
 if __name__ == "__main__":

@@ -65,12 +65,12 @@ def records(
     name: str, hidden: bool, seed: int, count: int, sensor: str, folder: Path
 ) -> list[tuple[World, ac.Recording]]:
     """Worlds and what was measured in them."""
-    found = []
+    results = []
     for k in range(count):
         effects = (Hidden(name, SIZES[name], {}),) if hidden else ()
         world = World(MOTIONS[k % 2], sensor, effects, seed=1000 * seed + k).settled()
-        found.append((world, ac.load(world.record().write(folder, f"{name}-{k}"))))
-    return found
+        results.append((world, ac.load(world.record().write(folder, f"{name}-{k}"))))
+    return results
 
 
 def main() -> None:
@@ -98,21 +98,21 @@ def main() -> None:
                     if not given.hidden_off:
                         print(f"{name} {world.seed}: {refused}", flush=True)
                     continue
-                one, score = fit.noise_effects[0], ac.compare(fit, held)[0].noise_scores[0]
+                effect, score = fit.noise_effects[0], ac.compare(fit, held)[0].noise_scores[0]
                 added += 1
-                flat += one.particulars.get("flat", 1.0) > 0.01
+                flat += effect.particulars.get("flat", 1.0) > 0.01
                 even += flat_innovations(fit, train) > 0.01
                 gained += score.gained
                 line = f"{name} {world.motion} {world.seed}: {score.sentence}"
                 if not given.hidden_off:
                     expected = truth(name, SIZES[name], pass_through(world))
-                    z.append((one.value - expected) / max(one.std, 1e-6 * expected))
-                    line += f"; {one.value / expected:.3f} of what is hidden, z {z[-1]:.2f}"
+                    z.append((effect.value - expected) / max(effect.std, 1e-6 * expected))
+                    line += f"; {effect.value / expected:.3f} of what is hidden, z {z[-1]:.2f}"
                 print(line, flush=True)
         print(f"{name}: added {added} of {given.count}")
         if given.hidden_off:
             continue
-        cover = sum(abs(one) < 1.96 for one in z)
+        cover = sum(abs(effect) < 1.96 for effect in z)
         rms = math.sqrt(np.mean(np.square(z)))
         print(
             f"{name}: output flat {flat}, innovations flat {even}, log score gained {gained} of {given.count} (least "

@@ -69,7 +69,7 @@ def followed(task: tuple[int, int, int, float]) -> dict[str, object]:
     stream = LiveFilter(choice, q=q, r_position=r, x0=x0, P0=P0)
     steps = fixed_rate(FACTORED, dt=1.0 / rate, q=q, r_position=r, x0=x0, P0=P0)
     marks = sorted(round(part * n) for part in SHARES)
-    found: dict[str, list[list[float]]] = {engine: [] for engine in ENGINES}
+    results: dict[str, list[list[float]]] = {engine: [] for engine in ENGINES}
     begin = 0
     while begin < n:
         end = min(begin + BLOCK, *(mark for mark in marks if mark > begin))
@@ -93,9 +93,9 @@ def followed(task: tuple[int, int, int, float]) -> dict[str, object]:
                 ("stream", stream.estimate, stream.covariance),
                 ("fixed rate", steps.x, steps.covariance),
             ):
-                found[engine].append(((x[2:] - [SCALE, BIAS]) / np.sqrt(np.diag(P)[2:])).tolist())
+                results[engine].append(((x[2:] - [SCALE, BIAS]) / np.sqrt(np.diag(P)[2:])).tolist())
         begin = end
-    return {"setting": at, "run": run, "seed": seed, "hours": hours, **found}
+    return {"setting": at, "run": run, "seed": seed, "hours": hours, **results}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -91,15 +91,15 @@ def cost(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
     ), bool(seconds.max() <= MOST_SECONDS)
 
 
-def kept(path: Path) -> list[Outcome]:
+def earlier_outcomes(path: Path) -> list[Outcome]:
     """Outcomes of earlier runs; a last line that was cut off is left out."""
-    found = []
+    results = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         try:
-            found.append(json.loads(line))
+            results.append(json.loads(line))
         except json.JSONDecodeError:
             continue
-    return found
+    return results
 
 
 def asked(about: str | None, name: str, records: int, arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -129,8 +129,8 @@ def run_all(
     nulls : what the ledger gets of each outcome.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    known = {outcome["key"]: outcome for outcome in kept(path)}
-    missing = [trial for trial in trials if trial.key not in known]
+    earlier = {outcome["key"]: outcome for outcome in earlier_outcomes(path)}
+    missing = [trial for trial in trials if trial.key not in earlier]
     if missing:
         cut = path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size > 0
         with (
@@ -139,11 +139,11 @@ def run_all(
         ):
             file.write("\n" if cut else "")
             for outcome in pool.imap_unordered(run, missing):
-                known[outcome["key"]] = outcome
+                earlier[outcome["key"]] = outcome
                 file.write(json.dumps(outcome) + "\n")
                 file.flush()
                 null = nulls(outcome) if nulls else None
                 if null:
                     bench, regime, named = null
                     enter(bench, regime, outcome["key"], named)
-    return [known[trial.key] for trial in trials]
+    return [earlier[trial.key] for trial in trials]

@@ -130,8 +130,8 @@ class Motion:
 @cache
 def table(file: str) -> Table:
     """Columns of a recording, nan where a cell is empty."""
-    found = sorted(Path(os.environ["ACCELCAL_REAL_DATA"]).rglob(f"{file}.csv"))
-    with found[0].open(encoding="utf-8") as stream:
+    ordered = sorted(Path(os.environ["ACCELCAL_REAL_DATA"]).rglob(f"{file}.csv"))
+    with ordered[0].open(encoding="utf-8") as stream:
         rows = csv.reader(stream)
         names = next(rows)
         cells = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows])
@@ -140,8 +140,8 @@ def table(file: str) -> Table:
 
 def uniform(t: Array, y: Array, at: Array) -> Array:
     """Samples that exist, by straight lines at other times."""
-    known = np.isfinite(y)
-    return np.interp(at, t[known], y[known])
+    measured = np.isfinite(y)
+    return np.interp(at, t[measured], y[measured])
 
 
 def low_pass(y: Array, rate: float, band: float, kind: str = "lowpass") -> Array:
@@ -223,18 +223,18 @@ def size_at(d: float, e: Array, m: Motion, output: Array, band: tuple[float, flo
 
     The noise is the spectrum of what a regression on the true model leaves below the band.
     """
-    rate, known = 1.0 / float(m.t[1] - m.t[0]), np.column_stack([m.sensed, m.nuisances])
-    lag = np.allclose(e, -known[:, -1])  # a lag is a delay to the model
+    rate, regressors = 1.0 / float(m.t[1] - m.t[0]), np.column_stack([m.sensed, m.nuisances])
+    lag = np.allclose(e, -regressors[:, -1])  # a lag is a delay to the model
     if band[0] > 0.0:
-        *columns, output, e = (low_pass(y, rate, band[0], "highpass") for y in (*known.T, output, e))
-        known = np.column_stack(columns)
-    left = output - known @ np.linalg.lstsq(known, output, rcond=None)[0]
-    free = known[:, :-1] if lag else known
-    own = e - free @ np.linalg.lstsq(free, e, rcond=None)[0]
+        *columns, output, e = (low_pass(y, rate, band[0], "highpass") for y in (*regressors.T, output, e))
+        regressors = np.column_stack(columns)
+    left = output - regressors @ np.linalg.lstsq(regressors, output, rcond=None)[0]
+    free = regressors[:, :-1] if lag else regressors
+    rest = e - free @ np.linalg.lstsq(free, e, rcond=None)[0]
     f, density = scipy.signal.welch(left, rate, nperseg=min(len(left), 1 << int(np.log2(len(left) / 4.0))))
-    frequency = np.fft.rfftfreq(len(own), 1.0 / rate)
+    frequency = np.fft.rfftfreq(len(rest), 1.0 / rate)
     inside = (frequency > band[0]) & (frequency <= band[1])
-    power = 4.0 * np.abs(np.fft.rfft(own)[inside]) ** 2 / (len(own) * rate)
+    power = 4.0 * np.abs(np.fft.rfft(rest)[inside]) ** 2 / (len(rest) * rate)
     noise = np.interp(frequency[inside], f[1:], density[1:])
     return d / float(np.sqrt(np.sum(power / noise)))
 
@@ -250,18 +250,18 @@ def planted(trial: Trial, folder: Path) -> Path:
     subject = SUBJECTS[trial.subject]
     data = table(subject.file)
     rows = (data["t"] >= subject.span[0]) & (data["t"] <= subject.span[1])
-    made = {name: y[rows].copy() for name, y in data.items()}
+    output = {name: y[rows].copy() for name, y in data.items()}
     if trial.effect != "none":
         m = motion_of(subject)
         e = column(trial.effect, m, below(subject, subject.across, m.t) if subject.across else np.zeros_like(m.t))
         size = size_at(trial.d, e, m, below(subject, subject.output, m.t), subject.band)
-        made[subject.output] += size * np.interp(sampled_at(made["t"], made[subject.output]), m.t, e)
+        output[subject.output] += size * np.interp(sampled_at(output["t"], output[subject.output]), m.t, e)
     path = folder / f"{trial.subject}.csv"
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(made)
+        writer.writerow(output)
         writer.writerows(
-            ["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in zip(*made.values(), strict=True)
+            ["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in zip(*output.values(), strict=True)
         )
     sidecar = (SIDECARS / f"{subject.sidecar}.toml").read_text(encoding="utf-8")
     path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
@@ -279,31 +279,31 @@ def run(trial: Trial) -> Outcome:
         split = high - HELD_OUT * (high - low)
         for part, begin, end in (("fitted", low, split), ("unseen", split, high)):
             product("cut", path, "--only", f"{begin:.6f}:{end:.6f}", "-o", folder / f"{part}.csv")
-        found = json.loads(product("improve", folder / "fitted.csv", "--holdout", folder / "unseen.csv", "--json"))
-    last = found["steps"][-1]["heldout"]
+        answer = json.loads(product("improve", folder / "fitted.csv", "--holdout", folder / "unseen.csv", "--json"))
+    last = answer["steps"][-1]["heldout"]
     return {
         "key": trial.key,
         "subject": trial.subject,
         "effect": trial.effect,
         "d": trial.d,
-        "effects": found["effects"],
-        "classes": found["classes"],
-        "inseparable": found["diagnosis"]["inseparable"],
-        "verdict": found["verdict"],
-        "sentence": found["sentence"],
-        "base": errors(found["steps"][0]["heldout"]),
+        "effects": answer["effects"],
+        "classes": answer["classes"],
+        "inseparable": answer["diagnosis"]["inseparable"],
+        "verdict": answer["verdict"],
+        "sentence": answer["sentence"],
+        "base": errors(answer["steps"][0]["heldout"]),
         "error": errors(last),
         "seconds": time.perf_counter() - started,
     }
 
 
-def errors(seen: dict[str, Any]) -> dict[str, float | None]:
+def errors(answer: dict[str, Any]) -> dict[str, float | None]:
     """What a comparison with the held-out part leaves."""
     return {
-        "accel": seen["accel_rms"],
-        "band": seen["band"],
-        "one_step": seen["one_step_rms"],
-        **{f"{float(horizon):g}": drift for horizon, drift in seen["coast_rms"].items()},
+        "accel": answer["accel_rms"],
+        "band": answer["band"],
+        "one_step": answer["one_step_rms"],
+        **{f"{float(horizon):g}": drift for horizon, drift in answer["coast_rms"].items()},
     }
 
 
@@ -374,9 +374,9 @@ def main() -> None:
         back = [outcome for outcome in asked if share_of(outcome, plain[outcome["subject"]]) <= BACK]
         for outcome in asked:
             new = names_of(outcome) - names_of(plain[outcome["subject"]]) - {"unexplained"}
-            told = "right" if outcome in right else "WRONG" if new else "not named"
+            message = "right" if outcome in right else "WRONG" if new else "not named"
             print(
-                f"{outcome['key']}: {told}; {', '.join(outcome['effects']) or 'nothing'}; {outcome['verdict']}; "
+                f"{outcome['key']}: {message}; {', '.join(outcome['effects']) or 'nothing'}; {outcome['verdict']}; "
                 f"held out {share_of(outcome, plain[outcome['subject']]):.2f} of the unplanted"
             )
         print(f"d = {d:g}: in its class {len(right)} of {len(asked)}; error back {len(back)} of {len(asked)}")

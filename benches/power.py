@@ -48,7 +48,7 @@ class Line:
     pair: str
     d: str
     predicted: float
-    found: int
+    detections: int
     records: int
 
     @property
@@ -62,19 +62,19 @@ class Line:
     def holds(self) -> bool:
         """Whether the count lies in its band."""
         low, high = self.band
-        return low <= self.found <= high
+        return low <= self.detections <= high
 
     @property
     def difference(self) -> float:
         """Observed less predicted share."""
-        return self.found / self.records - self.predicted
+        return self.detections / self.records - self.predicted
 
     @property
     def sentence(self) -> str:
         """Both shares and their difference."""
         return (
             f"All {self.pair} together: predicted {100 * self.predicted:.1f} %, observed "
-            f"{100 * self.found / self.records:.1f} % of {self.records} records, "
+            f"{100 * self.detections / self.records:.1f} % of {self.records} records, "
             f"{100 * self.difference:+.1f} points"
         )
 
@@ -83,8 +83,8 @@ class Line:
         """The row, in Markdown."""
         low, high = self.band
         return (
-            f"| {self.pair} | {self.d} | {100 * self.predicted:.1f} % | {100 * self.found / self.records:.0f} % | "
-            f"{self.found} of {self.records} | {low} to {high} | {'yes' if self.holds else '**no**'} |"
+            f"| {self.pair} | {self.d} | {100 * self.predicted:.1f} % | {100 * self.detections / self.records:.0f} % | "
+            f"{self.detections} of {self.records} | {low} to {high} | {'yes' if self.holds else '**no**'} |"
         )
 
 
@@ -107,14 +107,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     planned: list[Line] = []
     print(HEAD)
     with multiprocessing.Pool(chosen.processes) as pool:
-        for kind, found in ((PAIRS, pooled), (PLANS, planned)):
+        for kind, result in ((PAIRS, pooled), (PLANS, planned)):
             for pair in (p for p in kind if chosen.only in p.label):
-                found.append(line(pair, rows(pair, chosen.records, chosen.out, pool)))
-                print(found[-1].text, flush=True)
+                result.append(line(pair, rows(pair, chosen.records, chosen.out, pool)))
+                print(result[-1].text, flush=True)
     verdict, good = summary(pooled, planned)
     print("\n" + verdict)
     if chosen.write:
-        table = "\n".join([HEAD, *(each.text for each in (*pooled, *planned))])
+        table = "\n".join([HEAD, *(item.text for item in (*pooled, *planned))])
         Path("docs/power.md").write_text(PREFACE + table + "\n\n" + verdict + "\n", encoding="utf-8")
     return 0 if good else 1
 
@@ -122,35 +122,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def rows(pair: Pair | Planned, records: int, out: Path, pool: multiprocessing.pool.Pool) -> list[Row]:
     """Prediction and outcome of each record of a pair; those kept by an earlier run are not repeated."""
     path = out / f"{pair.label.replace(', ', '-')}-{pair.d:g}.jsonl"
-    known: dict[int, Row] = {}
+    by_seed: dict[int, Row] = {}
     if path.exists():
         for text in path.read_text(encoding="utf-8").splitlines():
             seed, predicted, hit = json.loads(text)
-            known[seed] = (predicted, hit)
-    missing = [seed for seed in range(records) if seed not in known]
+            by_seed[seed] = (predicted, hit)
+    missing = [seed for seed in range(records) if seed not in by_seed]
     if missing:
         ready = pair.sized()
         with path.open("a", encoding="utf-8") as file:
             for seed, row in zip(missing, pool.imap(ready.row, missing), strict=True):
-                known[seed] = row
+                by_seed[seed] = row
                 file.write(json.dumps([seed, *row]) + "\n")
                 file.flush()
-    return [known[seed] for seed in range(records)]
+    return [by_seed[seed] for seed in range(records)]
 
 
-def line(pair: Pair | Planned, found: Sequence[Row]) -> Line:
+def line(pair: Pair | Planned, results: Sequence[Row]) -> Line:
     """Row of the table for the records of a pair."""
-    predicted = float(np.mean([probability for probability, _ in found]))
-    return Line(pair.label, f"{pair.d:g}", predicted, sum(hit for _, hit in found), len(found))
+    predicted = float(np.mean([probability for probability, _ in results]))
+    return Line(pair.label, f"{pair.d:g}", predicted, sum(hit for _, hit in results), len(results))
 
 
 def summary(pooled: Sequence[Line], planned: Sequence[Line]) -> tuple[str, bool]:
     """All pairs together in one sentence, the planned motions in another, and whether every claim holds."""
-    sentences, good = [], all(each.holds for each in (*pooled, *planned))
+    sentences, good = [], all(item.holds for item in (*pooled, *planned))
     if pooled:
         whole = together(pooled, f"{len(pooled)} pairs")
         good &= abs(whole.difference) <= POOLED
-        outside = sum(not each.holds for each in pooled)
+        outside = sum(not item.holds for item in pooled)
         sentences.append(
             f"{whole.sentence}; {100 * POOLED:g} are allowed. {outside} of the pairs lie outside their band."
         )
@@ -158,15 +158,15 @@ def summary(pooled: Sequence[Line], planned: Sequence[Line]) -> tuple[str, bool]
         whole = together(planned, f"{len(planned)} planned motions")
         good &= whole.holds
         low, high = whole.band
-        sentences.append(f"{whole.sentence}; found {whole.found}, band {low} to {high}.")
+        sentences.append(f"{whole.sentence}; found {whole.detections}, band {low} to {high}.")
     return "\n".join(sentences), good
 
 
 def together(lines: Sequence[Line], name: str) -> Line:
     """Several rows as one."""
-    total = sum(each.records for each in lines)
-    predicted = sum(each.predicted * each.records for each in lines) / total
-    return Line(name, "", predicted, sum(each.found for each in lines), total)
+    total = sum(item.records for item in lines)
+    predicted = sum(item.predicted * item.records for item in lines) / total
+    return Line(name, "", predicted, sum(item.detections for item in lines), total)
 
 
 if __name__ == "__main__":

@@ -29,9 +29,9 @@ def recorded(world: World, folder: Path) -> ac.Recording:
     return ac.load(world.record().write(folder, f"{world.seed}"))
 
 
-def named(found: Diagnosis) -> set[str]:
+def named(diagnosis: Diagnosis) -> set[str]:
     """Names of the first effect that is missing and of all that it is confounded with."""
-    return set(found.classes[0].members) if found.classes else set()
+    return set(diagnosis.classes[0].members) if diagnosis.classes else set()
 
 
 def main() -> None:
@@ -52,19 +52,19 @@ def main() -> None:
                 world = World(MOTIONS[k % 2], given.sensor, hidden, seed=1000 * given.seed + k).settled()
                 run = recorded(world, folder)
                 linear = ac.fit(run)
-                found = ac.diagnose(linear, run)
-                group = named(found)
+                diagnosis = ac.diagnose(linear, run)
+                group = named(diagnosis)
                 fine = bool(group & CLASS)
                 right, total = right + fine, total + 1
                 with_process = linear.model.add("quadratic", "cubic")
-                line = f"{size:g} {tau:g} {world.motion} {world.seed}: {sorted(group) or found.verdict}"
-                if fine and found.scan.found:
-                    with_process = found.scan.found[0].enter(with_process)
+                line = f"{size:g} {tau:g} {world.motion} {world.seed}: {sorted(group) or diagnosis.verdict}"
+                if fine and diagnosis.scan.detected:
+                    with_process = diagnosis.scan.detected[0].enter(with_process)
                 fit = ac.fit(run, with_process)
                 truth = {"scale_factor": world.scale_factor or 0.0}
-                for each, values in scores.items():
-                    values.append((fit[each].value - truth.get(each, 0.0)) / fit[each].std)
-                    line += f" {each} {values[-1]:.2f}"
+                for item, values in scores.items():
+                    values.append((fit[item].value - truth.get(item, 0.0)) / fit[item].std)
+                    line += f" {item} {values[-1]:.2f}"
                 print(line, flush=True)
     false = 0
     with tempfile.TemporaryDirectory() as name:
@@ -78,10 +78,10 @@ def main() -> None:
     most = int(stats.binom.ppf(0.975, given.nulls, 0.01))
     print(f"nothing hidden: a process, drift or step of the scale named in {false} of {given.nulls} (at most {most})")
     print(f"process in the class: {right} of {total} (least {int(stats.binom.ppf(0.025, total, 0.95))})")
-    for each, values in scores.items():
+    for item, values in scores.items():
         rms, beyond = float(np.sqrt(np.mean(np.square(values)))), int(np.sum(np.abs(values) > 3.0))
         most = int(stats.binom.ppf(0.975, total, 0.01))
-        print(f"{each}: z rms {rms:.3f} of {total}, beyond 3: {beyond} (at most {most})")
+        print(f"{item}: z rms {rms:.3f} of {total}, beyond 3: {beyond} (at most {most})")
 
 
 if __name__ == "__main__":

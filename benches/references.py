@@ -52,12 +52,12 @@ class Referred:
         return f"{self.reference}/{self.trial.key}"
 
 
-def run(one: Referred) -> Outcome:
+def run(referred: Referred) -> Outcome:
     """Draw, write, load, improve."""
-    trial = one.trial
-    outcome: Outcome = {"key": one.key, "names": list(trial.names), "reference": one.reference}
+    trial = referred.trial
+    outcome: Outcome = {"key": referred.key, "names": list(trial.names), "reference": referred.reference}
     try:
-        world = replace(draw(trial), reference=one.reference)
+        world = replace(draw(trial), reference=referred.reference)
     except ValueError as refused:
         return {**outcome, "skipped": str(refused)}
     begin = time.process_time()
@@ -92,23 +92,25 @@ def report(outcomes: Sequence[Outcome]) -> bool:
     holds = True
     failed = [outcome for outcome in outcomes if "error" in outcome]
     for reference in REFERENCES:
-        known = [o for o in outcomes if o["reference"] == reference and not {"error", "skipped"} & o.keys()]
-        nulls, hidden = ([o for o in known if bool(o["names"]) is wanted] for wanted in (False, True))
+        scored = [o for o in outcomes if o["reference"] == reference and not {"error", "skipped"} & o.keys()]
+        nulls, hidden = ([o for o in scored if bool(o["names"]) is wanted] for wanted in (False, True))
         wrong = [o for o in nulls if falsely_named(o)]
         most = int(binom.ppf(0.975, max(1, len(nulls)), NULLS))
-        found = [o for o in hidden if in_class(o, o["names"][0])]
+        results = [o for o in hidden if in_class(o, o["names"][0])]
         least = int(binom.ppf(0.025, max(1, len(hidden)), LEAST_IN_CLASS))
         print(f"{reference}: {len(wrong)} of {len(nulls)} nulls named something (at most {most})")
-        print(f"{reference}: {len(found)} of {len(hidden)} effects at d = {D:g} in a reported class (at least {least})")
+        print(
+            f"{reference}: {len(results)} of {len(hidden)} effects at d = {D:g} in a reported class (at least {least})"
+        )
         for o in wrong:
             print(f"  {o['key']}: {o['effects']}")
         for o in hidden:
-            if o not in found:
+            if o not in results:
                 print(f"  {o['key']}: {o['effects']}, {o['verdict']}")
         values = [o["estimates"]["scale_factor"] for o in nulls if "scale_factor" in o["estimates"]]
         z = np.array([(value - truth) / std for value, std, truth in values])
         print(f"{reference}: rms z of the scale factor {np.sqrt(np.mean(z**2)) if len(z) else np.nan:.3f} of {len(z)}")
-        holds &= len(wrong) <= most and len(found) >= least
+        holds &= len(wrong) <= most and len(results) >= least
     for o in failed:
         print(f"{o['key']}: {o['error'].splitlines()[-1]}")
     return holds and not failed

@@ -50,13 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\n".join(rows(outcomes)))
     for pair in unreachable(outcomes):
         print(f"out of reach: {pair}")
-    found = (hidden_lines if chosen.hidden else lines)(outcomes)
+    result = (hidden_lines if chosen.hidden else lines)(outcomes)
     print()
-    for line in found:
+    for line in result:
         print(line.text)
     text, fast = cost([outcome for outcome in outcomes if TABLE[outcome["regime"]].seconds <= 60.0])
     print(text)
-    return 0 if fast and all(line.holds for line in found) else 1
+    return 0 if fast and all(line.holds for line in result) else 1
 
 
 if __name__ == "__main__":

@@ -68,17 +68,17 @@ def columns(t: np.ndarray, length: float) -> list[np.ndarray]:
     """All columns at times t, (n,) each."""
     words = (*motion(t), t / length)
     powers = [[np.ones_like(t)] for _ in words]
-    for word, known in zip(words, powers, strict=True):
-        while len(known) < 6:
-            known.append(known[-1] * word)
-    found = []
+    for word, powers_of in zip(words, powers, strict=True):
+        while len(powers_of) < 6:
+            powers_of.append(powers_of[-1] * word)
+    results = []
     for exponents in POWERS:
-        used = [known[exponent] for known, exponent in zip(powers, exponents, strict=True) if exponent]
+        used = [powers_of[exponent] for powers_of, exponent in zip(powers, exponents, strict=True) if exponent]
         column = used[0].copy()
         for factor in used[1:]:
             column *= factor
-        found.append(column)
-    return found
+        results.append(column)
+    return results
 
 
 def gram(seconds: float) -> dict[str, float]:
@@ -100,14 +100,14 @@ def gram(seconds: float) -> dict[str, float]:
     whitened /= np.sqrt(track.series("S"))
     total = np.zeros((COLUMNS + 1, COLUMNS + 1))
     state = np.zeros((COLUMNS, 2))
-    made = 0.0
+    duration = 0.0
     for begin in range(0, len(t), STRETCH):
         end = min(begin + STRETCH, len(t))
         low = max(0, int(t[max(begin - 1, 0)] / GRID) - 2)
         high = int(t[end - 1] / GRID) + 4
         before = time.process_time()
         given = columns(np.arange(low, high) * GRID, seconds)
-        made += time.process_time() - before
+        duration += time.process_time() - before
         bank = _core.Bank(track, t, restart, counts, grid=(low * GRID, GRID, high - low), from_=begin, to=end, group=1)
         X = np.empty((COLUMNS + 1, end - begin))
         X[-1] = whitened[begin:end]
@@ -118,9 +118,9 @@ def gram(seconds: float) -> dict[str, float]:
     done = time.process_time()
     assert np.all(np.isfinite(total))
     return {
-        "seconds": done - begun - made,
+        "seconds": done - begun - duration,
         "filter": filtered - begun,
-        "columns": made,
+        "columns": duration,
         "megabytes": megabytes(),
         "innovation": total[-1, -1] / len(t),
     }
@@ -136,21 +136,21 @@ def cost(seconds: float) -> dict[str, float]:
 
 def main() -> int:
     """Four lengths, three thresholds."""
-    found = []
+    results = []
     for seconds in LENGTHS:
         tries = [cost(seconds) for _ in range(REPEATS if seconds == LENGTHS[0] else 1)]
-        found.append(min(tries, key=lambda run: run["seconds"]))
-        last = found[-1]
+        results.append(min(tries, key=lambda run: run["seconds"]))
+        last = results[-1]
         print(
             f"{seconds:.0f} s, {COLUMNS} columns: {last['seconds']:.3f} s processor time "
             f"(filter {last['filter']:.3f} s; "
             f"not counted: {last['columns']:.2f} s to make the columns), peak {last['megabytes']:.0f} MB",
             flush=True,
         )
-    exponent = float(np.polyfit(np.log(LENGTHS), np.log([run["seconds"] for run in found]), 1)[0])
+    exponent = float(np.polyfit(np.log(LENGTHS), np.log([run["seconds"] for run in results]), 1)[0])
     checks = [
-        ("a minute with Gram matrix, s", found[0]["seconds"], (0.0, SECONDS_FOR_A_MINUTE)),
-        ("peak memory for an hour, MB", found[-1]["megabytes"], (0.0, MEGABYTES_FOR_AN_HOUR)),
+        ("a minute with Gram matrix, s", results[0]["seconds"], (0.0, SECONDS_FOR_A_MINUTE)),
+        ("peak memory for an hour, MB", results[-1]["megabytes"], (0.0, MEGABYTES_FOR_AN_HOUR)),
         ("exponent of time over length", exponent, EXPONENT),
     ]
     for what, value, (low, high) in checks:

@@ -70,13 +70,15 @@ def main() -> None:
             kind = "named" if "sensor_resonance" in diagnosis.effects else diagnosis.verdict
             detail = ", ".join(diagnosis.effects)
         else:
-            said, std = float(note.values["f0"]), float(note.values["f0_std"])
-            with_it = ac.fit(behind(recording, said, float(note.values["q"]), std / said))
+            stated, std = float(note.values["f0"]), float(note.values["f0_std"])
+            with_it = ac.fit(behind(recording, stated, float(note.values["q"]), std / stated))
             sigmas.append((with_it["scale_factor"].value - k) / with_it["scale_factor"].std)
             errors.append((fit["scale_factor"].value - k, with_it["scale_factor"].value - k))
-            apart.append((said - f0) / std)
+            apart.append((stated - f0) / std)
             kind = "said"
-            detail = f"{said:.2f} ± {std:.2f} Hz; error of k {100 * errors[-1][0]:.3f} % -> {100 * errors[-1][1]:.3f} %"
+            detail = (
+                f"{stated:.2f} ± {std:.2f} Hz; error of k {100 * errors[-1][0]:.3f} % -> {100 * errors[-1][1]:.3f} %"
+            )
             detail += f", {sigmas[-1]:.1f} std"
         counts[kind] = counts.get(kind, 0) + 1
         print(f"{seed} {world.motion}, {hidden}: {kind}, {detail}", flush=True)

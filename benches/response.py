@@ -86,9 +86,9 @@ class Tally:
     lost: int = 0
     """Steps that were not found."""
 
-    def add(self, found: FrequencyResponse, setup: Setup) -> None:
+    def add(self, result: FrequencyResponse, setup: Setup) -> None:
         """Count one run."""
-        for point in found.points:
+        for point in result.points:
             truth = complex(setup.sensor.response(np.array([point.frequency]))[0])
             ratio = point.value / truth
             self.magnitude.append(abs(ratio) - 1.0)
@@ -99,13 +99,13 @@ class Tally:
                 (point.magnitude - abs(truth)) / point.std,
                 math.radians(self.phase[-1]) * point.magnitude / point.std,
             ]
-        self.lost += len(setup.steps) - len(found.points)
-        assert found.model is not None
-        name = found.model.best.structure.name
+        self.lost += len(setup.steps) - len(result.points)
+        assert result.model is not None
+        name = result.model.best.structure.name
         self.structures[name] = self.structures.get(name, 0) + 1
         if name == "second order and delay":
             for key in ("k", "f0", "Q", "delay"):
-                truth, estimate = getattr(setup.sensor, key), found.model.best[key]
+                truth, estimate = getattr(setup.sensor, key), result.model.best[key]
                 self.parameters.setdefault(key, []).append(estimate.value / truth - 1.0)
                 self.scores.append((estimate.value - truth) / estimate.expanded)
 
@@ -163,17 +163,17 @@ class Coverage:
 
 def broadband_runs(motion: str, count: int, seed: int = 3) -> Coverage:
     """The paper's sensor behind its low-pass, with a delay of 1 ms, in 60 s of a motion of its stage."""
-    found = Coverage()
+    result = Coverage()
     for i in range(count):
         rng = np.random.default_rng((seed, i))
         truth = {"scale_factor": 0.01, "time_offset": 1e-3}
-        made = simulate(motion, seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
-        for point in frequency_response(made.recording, method="broadband", check=False).points:
+        simulation = simulate(motion, seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
+        for point in frequency_response(simulation.recording, method="broadband", check=False).points:
             f = point.frequency
             ratio = point.value / (1.01 / (1.0 + 1j * f / 159.0) * np.exp(-2j * math.pi * f * 1e-3))
-            found.scores.append((abs(ratio) - 1.0) * point.magnitude / point.expanded)
-            found.scores.append(math.atan2(ratio.imag, ratio.real) / point.expanded_phase)
-    return found
+            result.scores.append((abs(ratio) - 1.0) * point.magnitude / point.expanded)
+            result.scores.append(math.atan2(ratio.imag, ratio.real) / point.expanded_phase)
+    return result
 
 
 def within(tally: Tally, magnitude: float, phase: float) -> bool:

@@ -211,7 +211,9 @@ def of_budget(case: Case) -> Outcome:
         worlds = rig, rig.again(str(motions[1]), int(second))
         train, other = (ac.load(w.record().write(folder, f"run{n}")) for n, w in enumerate(worlds))
         base = ac.fit(train)
-        budget = ac.compare([base, ac.add(base, train, name)], other, horizons=(1.0,), budget=True).seen[0][0].budget
+        budget = (
+            ac.compare([base, ac.add(base, train, name)], other, horizons=(1.0,), budget=True).evaluations[0][0].budget
+        )
     assert budget is not None
     fields = {"predicted": budget.predicted, "total": budget.total.value, "missing": budget.missing}
     span = {"low": budget.total.low, "high": budget.total.high}

@@ -17,11 +17,11 @@ def main() -> int:
     """Four workloads, one threshold."""
     ratios = {}
     for name, choice in WORKLOADS.items():
-        found = cost(choice)
-        ratios[name] = found.ratio
+        result = cost(choice)
+        ratios[name] = result.ratio
         print(
-            f"{name}: step {found.step:.0f} ns = {found.ratio:.2f} empty calls of {found.empty:.0f} ns; "
-            f"run {found.run:.0f} ns; LiveFilter.step {found.stamped:.0f} ns",
+            f"{name}: step {result.step:.0f} ns = {result.ratio:.2f} empty calls of {result.empty:.0f} ns; "
+            f"run {result.run:.0f} ns; LiveFilter.step {result.stamped:.0f} ns",
             flush=True,
         )
     ratio = ratios["W2"]

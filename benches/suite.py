@@ -181,7 +181,7 @@ def answer(folder: Path, file: TextIO) -> None:
 def rows_of(improvement: ac.Improvement) -> dict[str, tuple[str, str]]:
     """Classes, with size and std, in the order of their discovery; rivals follow the effect that is named."""
     rows: dict[str, tuple[str, str]] = {}
-    for finding in improvement.found:
+    for finding in improvement.detected:
         size = ("", "")
         if finding.effect in SIZED and finding.std and (finding.wave or len(finding.estimate) == 1):
             value = finding.estimate[0] if len(finding.estimate) == 1 else math.hypot(*finding.estimate)

@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"  cost over that of three single fits: {seconds / (time.process_time() - begin):.2f} (1.2)")
         unseen = [run.part(LEARNT * end, end) for run in axes]
         print(f"{name}: fitted in {seconds:.0f} s; delay {1e3 * fit['time_offset'].value:.3f} ms for all axes")
-        for run, (evaluation,) in zip(unseen, verbs.compare(fit, unseen, band=BAND).seen, strict=True):
+        for run, (evaluation,) in zip(unseen, verbs.compare(fit, unseen, band=BAND).evaluations, strict=True):
             ok = evaluation.accel_rms <= most
             least = bound(run)
             beside = f"at most {most:g}; bound of any linear filter of one axis {least:.4f}"

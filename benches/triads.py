@@ -91,7 +91,7 @@ def outcome_of(trial: Trial) -> Outcome:
         axes = io.load_axes(triad.write(folder))
         fit = verbs.fit(axes)
         if trial.kind in NEES:
-            truth = triad.known()
+            truth = triad.true_values()
             errors = np.array([e.value - truth[e.name, e.axis] for e in fit.free])
             z = errors / np.sqrt(np.diag(fit.covariance))
             return outcome | {"nees": float(errors @ np.linalg.solve(fit.covariance, errors)), "z": z.tolist()}

@@ -36,13 +36,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Trial(2, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), STRENGTH) for number in range(chosen.records)
     ]
     outcomes = run_all(run, trials, chosen.out / "one_axis.jsonl", 1)
-    judged = [one for one in outcomes if "skipped" not in one]
-    turning = [one for one in judged if "turning_sensor" in one["codes"]]
-    told = [one for one in judged if one["effect"] in one["members"]]
+    judged = [outcome for outcome in outcomes if "skipped" not in outcome]
+    turning = [outcome for outcome in judged if "turning_sensor" in outcome["codes"]]
+    messages = [outcome for outcome in judged if outcome["effect"] in outcome["members"]]
     print(f"turning_sensor: {len(turning)} of {len(judged)} (at most {MOST:.0%})")
-    print(f"true effect named, or in the class of one that is: {len(told)} of {len(judged)}")
-    for one in turning:
-        print(f"  {one['key']}: {one['sentence']}")
+    print(f"true effect named, or in the class of one that is: {len(messages)} of {len(judged)}")
+    for outcome in turning:
+        print(f"  {outcome['key']}: {outcome['sentence']}")
     return int(len(turning) > MOST * len(judged))
 
 
@@ -58,7 +58,7 @@ def run(trial: Trial) -> Outcome:
         improvement = verbs.improve(recording, holdout=recording)
     return {
         **outcome,
-        "codes": [one.code for one in improvement.diagnosis.remarks],
+        "codes": [remark.code for remark in improvement.diagnosis.remarks],
         "members": sorted({name for group in improvement.classes for name in group.members}),
         "sentence": improvement.sentence,
     }

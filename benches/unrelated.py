@@ -40,7 +40,7 @@ def built(regime: Regime, seed: int, scale: float = 1.0, hidden: str = "") -> Re
         return load(record.write(folder))
 
 
-def said(recording: Recording) -> bool:
+def is_unrelated(recording: Recording) -> bool:
     """Whether the record is called unrelated."""
     try:
         require_one_axis([recording])
@@ -71,11 +71,11 @@ def main() -> int:
         with suppress(OutOfReach):
             cases["hidden"] = built(regime, int(seeds[0]), hidden=str(rng.choice(PLANTED)))
         for kind, recording in cases.items():
-            found = said(recording)
-            counts[kind] += found
+            result = is_unrelated(recording)
+            counts[kind] += result
             tried[kind] += 1
-            if found != (kind == "shuffled"):
-                print(f"  {kind} {name} {seeds[0]} {scale:.2g}: {'said' if found else 'not said'}", flush=True)
+            if result != (kind == "shuffled"):
+                print(f"  {kind} {name} {seeds[0]} {scale:.2g}: {'said' if result else 'not is_unrelated'}", flush=True)
     for kind, count in counts.items():
         print(f"{kind}: {count} of {tried[kind]} called unrelated")
     shuffled = counts["shuffled"] / tried["shuffled"]

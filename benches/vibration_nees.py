@@ -26,11 +26,11 @@ def main() -> None:
     plan = Plan(quick=False, seed=given.seed)
     for amplitude in given.amplitudes:
         for how, with_noise in (("without", False), ("with", True)):
-            found = replayed(plan, amplitude, given.runs, with_noise=with_noise)
-            K2, K3 = np.sqrt(np.mean(np.square(found.relative), axis=0))
+            result = replayed(plan, amplitude, given.runs, with_noise=with_noise)
+            K2, K3 = np.sqrt(np.mean(np.square(result.relative), axis=0))
             print(
                 f"A = {amplitude:g} m/s², {how} the noise model: K2 {K2:.4f}, K3 {K3:.4f} rms (at most 0.01), NEES/dof "
-                f"{found.nees / dof:.3f} ({low:.3f} to {high:.3f}), {given.runs} runs",
+                f"{result.nees / dof:.3f} ({low:.3f} to {high:.3f}), {given.runs} runs",
                 flush=True,
             )
 

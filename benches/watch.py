@@ -195,9 +195,9 @@ def cost() -> bool:
                 filtered.step_with_effects(0.1, 0.0, columns, none, none)
             best = min(best, (time.process_time() - begin) / 5000)
         seconds.append(best)
-    each = (seconds[1] - seconds[0]) / 16
-    print(f"a step takes {1e9 * seconds[0]:.0f} ns, and {1e9 * each:.1f} ns more for each suspect")
-    return each < 60e-9  # 416 instructions by callgrind
+    item = (seconds[1] - seconds[0]) / 16
+    print(f"a step takes {1e9 * seconds[0]:.0f} ns, and {1e9 * item:.1f} ns more for each suspect")
+    return item < 60e-9  # 416 instructions by callgrind
 
 
 def judged(part: str, lines: list[dict[str, Any]]) -> bool:

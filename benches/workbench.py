@@ -93,18 +93,18 @@ def until(page: Any, condition: str) -> Callable[[], object]:
     return lambda: page.wait_for_function(condition, timeout=PATIENCE, polling=20)
 
 
-def until_seen(found: Any) -> Callable[[], object]:
+def until_seen(result: Any) -> Callable[[], object]:
     """Wait until something is on the page."""
-    return lambda: found.wait_for(timeout=PATIENCE)
+    return lambda: result.wait_for(timeout=PATIENCE)
 
 
 def processor_time() -> float:
     """Processor time of all processes that this program started, s."""
     ticks = 0
-    for one in Path("/proc").glob("[0-9]*"):
+    for process in Path("/proc").glob("[0-9]*"):
         try:
-            if int(one.name) != os.getpid() and descends(one.name):
-                ticks += sum(map(int, (one / "stat").read_text().rpartition(")")[2].split()[11:13]))
+            if int(process.name) != os.getpid() and descends(process.name):
+                ticks += sum(map(int, (process / "stat").read_text().rpartition(")")[2].split()[11:13]))
         except OSError:
             continue
     return ticks / TICK
@@ -113,10 +113,10 @@ def processor_time() -> float:
 def page_megabytes() -> float:
     """Memory of the largest renderer that this program started, MB (Pss: what it shares is divided)."""
     sizes = [0.0]
-    for one in Path("/proc").glob("[0-9]*"):
+    for process in Path("/proc").glob("[0-9]*"):
         try:
-            if "--type=renderer" in (one / "cmdline").read_text() and descends(one.name):
-                rollup = (one / "smaps_rollup").read_text().splitlines()
+            if "--type=renderer" in (process / "cmdline").read_text() and descends(process.name):
+                rollup = (process / "smaps_rollup").read_text().splitlines()
                 sizes.append(int(next(line for line in rollup if line.startswith("Pss:")).split()[1]) / 1024)
         except OSError:
             continue
@@ -150,13 +150,13 @@ def dropped(page: Any, files: list[Path]) -> Cost:
 def tried(browser: Any, address: str, files: list[Path]) -> tuple[dict[str, Cost], float, float]:
     """Drop, fit, add, report; the costs, the memory of the page in MB, the longest time without an answer in s."""
     page = opened(browser, address)
-    found = {"drop": dropped(page, files)}
+    results = {"drop": dropped(page, files)}
     fit = page.get_by_role("button", name="Fit the linear model")
     fit.wait_for(timeout=PATIENCE)
-    found["fit"] = cost(fit.click, until_seen(page.locator("[data-number=error]")))
+    results["fit"] = cost(fit.click, until_seen(page.locator("[data-number=error]")))
     page.locator("[data-verdict]").wait_for(timeout=PATIENCE)
     add = page.get_by_role("button", name="Add cubic", exact=True)
-    found["add"] = cost(add.click, until(page, GROWN))
+    results["add"] = cost(add.click, until(page, GROWN))
     page.locator("[data-verdict=adequate]").wait_for(timeout=PATIENCE)
     page.get_by_role("tab", name="Export").click()
     report = page.get_by_role("button", name="Report (.html)")
@@ -164,10 +164,10 @@ def tried(browser: Any, address: str, files: list[Path]) -> tuple[dict[str, Cost
         begin, busy = time.perf_counter(), processor_time()
         report.click()
     download.value.path()
-    found["report"] = Cost(time.perf_counter() - begin, processor_time() - busy)
+    results["report"] = Cost(time.perf_counter() - begin, processor_time() - busy)
     memory, still = page_megabytes(), page.evaluate("window.longest") / 1e3
     page.close()
-    return found, memory, still
+    return results, memory, still
 
 
 def main() -> int:
@@ -185,12 +185,16 @@ def main() -> int:
         browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         run = Path(place, "run.csv")
         truth = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
-        made = simulate("interleaved", seconds=240.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(5))
-        io.write_sidecar(made.recording.rig, io.write_csv(made.recording, run), io.sidecar_of(run))
+        simulation = simulate(
+            "interleaved", seconds=240.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(5)
+        )
+        io.write_sidecar(simulation.recording.rig, io.write_csv(simulation.recording, run), io.sidecar_of(run))
         tries = [tried(browser, address, [run, io.sidecar_of(run)]) for _ in range(TRIES)]
-        least = {name: min((one[0][name] for one in tries), key=lambda c: c.seconds) for name in tries[0][0]}
+        least = {name: min((trie[0][name] for trie in tries), key=lambda c: c.seconds) for name in tries[0][0]}
         most = max(memory for _, memory, _ in tries)
-        print(f"{len(made.recording.accel)} samples, least of {TRIES}; {os.getloadavg()[0]:.1f} processes at work")
+        print(
+            f"{len(simulation.recording.accel)} samples, least of {TRIES}; {os.getloadavg()[0]:.1f} processes at work"
+        )
         for name, took in least.items():
             print(f"{name}: {took}" + (f", threshold {MOST[name]} s" if name in MOST else ""))
         print(f"memory of the page: {most:.0f} MB at most, threshold {MEGABYTES:.0f} MB")
@@ -204,8 +208,8 @@ def main() -> int:
 
 def hour(browser: Any, address: str, path: Path) -> bool:
     """Whether the first picture of one hour comes in time."""
-    made = record(6_001_200)
-    io.write_sidecar(made.rig, io.write_parquet(made, path), io.sidecar_of(path))
+    recording = record(6_001_200)
+    io.write_sidecar(recording.rig, io.write_parquet(recording, path), io.sidecar_of(path))
     tries = []
     for _ in range(TRIES):
         page = opened(browser, address)
@@ -213,7 +217,7 @@ def hour(browser: Any, address: str, path: Path) -> bool:
         page.close()
     least = min((took for took, _ in tries), key=lambda c: c.seconds)
     memory = max(megabytes for _, megabytes in tries)
-    print(f"{len(made.accel)} samples, drop to first picture: {least}, threshold {HOUR} s; {memory:.0f} MB")
+    print(f"{len(recording.accel)} samples, drop to first picture: {least}, threshold {HOUR} s; {memory:.0f} MB")
     return least.seconds <= HOUR
 
 

@@ -187,17 +187,17 @@ def described(app: Any, what: str, name: str, thing: Any, options: Any, lines: l
     `x : what it is` is a description of a parameter, not its type; the text of an attribute may contain a colon; and
     |rho| is an absolute value, not a substitution.
     """
-    section, kept = "", list[str]()
+    section, remaining = "", list[str]()
     for i, line in enumerate(lines):
         if i + 1 < len(lines) and lines[i + 1].startswith("---"):
             section = line
         if not line.lstrip().startswith(">>>"):
             line = line.replace("|", r"\|")
         entry = re.fullmatch(r"([\w*][\w, *]*) : (.+)", line) if section == "Parameters" else None
-        kept += [entry[1].replace("*", r"\*"), f"    {entry[2]}"] if entry else [line]
+        remaining += [entry[1].replace("*", r"\*"), f"    {entry[2]}"] if entry else [line]
     if what in ("attribute", "property"):
-        kept[:1] = [line.replace(":", COLON) for line in kept[:1]]
-    lines[:] = kept
+        remaining[:1] = [line.replace(":", COLON) for line in remaining[:1]]
+    lines[:] = remaining
 
 
 def unguarded(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:

@@ -36,8 +36,8 @@ def main() -> None:
         recording = Path(folder, "run12.csv")
         truth = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
         rng = np.random.default_rng(12)
-        made = ac.simulate("interleaved", seconds=40.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-        write_recording(made.recording, recording)
+        simulation = ac.simulate("interleaved", seconds=40.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+        write_recording(simulation.recording, recording)
         command = [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(PORT)]
         server = subprocess.Popen(command, env=os.environ | {"ACCELCAL_STATE": folder})
         try:

@@ -29,11 +29,11 @@ def thinned(content: Any) -> Any:
         return content
     if len(content) <= SHORT:
         return [thinned(value) for value in content]
-    kept = [thinned(value) for value in content if type(value) not in (int, float)]
+    remaining = [thinned(value) for value in content if type(value) not in (int, float)]
     for kind in (int, float):
         numbers = [value for value in content if type(value) is kind]
-        kept += [min(numbers), max(numbers)] if numbers else []
-    return kept
+        remaining += [min(numbers), max(numbers)] if numbers else []
+    return remaining
 
 
 def require_published(content: dict[str, Any]) -> None:

@@ -74,11 +74,11 @@ def living(process: int, but: int | None = None) -> float:
             continue
         name = int(path.parent.name)
         parents[name], spent[name] = int(numbers[1]), sum(map(int, numbers[11:15]))
-    generation, found = {process}, 0
+    generation, total = {process}, 0
     while generation:
         generation = {name for name, parent in parents.items() if parent in generation and name != but}
-        found += sum(spent[name] for name in generation)
-    return found / os.sysconf("SC_CLK_TCK")
+        total += sum(spent[name] for name in generation)
+    return total / os.sysconf("SC_CLK_TCK")
 
 
 def stored() -> tuple[dict[str, float], dict[str, str]]:
@@ -231,7 +231,7 @@ class Measured:
     """What the workers wrote into a folder: by case its seconds, and by test function the lines that it reaches."""
 
     def __init__(self, folder: Path) -> None:
-        own: dict[str, list[float]] = defaultdict(list)
+        durations: dict[str, list[float]] = defaultdict(list)
         fixtures: dict[str, list[float]] = defaultdict(list)
         uses: dict[str, list[str]] = {}
         self.beside: set[str] = set()
@@ -243,7 +243,7 @@ class Measured:
                     fixtures[line["fixture"]].append(line["seconds"])
                     continue
                 case = line["case"]
-                own[case].append(line["seconds"])
+                durations[case].append(line["seconds"])
                 uses[case] = line["uses"]
                 self.beside |= {case} if {"outside", "statistics"}.intersection(line["marks"]) else set()
                 self.always |= {case} if "always" in line["marks"] else set()
@@ -251,7 +251,7 @@ class Measured:
         users = Counter(name for names in uses.values() for name in names)
         share = {name: mean(spent) / max(users[name], 1) for name, spent in fixtures.items()}
         self.seconds = {
-            case: mean(spent) + sum(share.get(name, 0.0) for name in uses[case]) for case, spent in own.items()
+            case: mean(spent) + sum(share.get(name, 0.0) for name in uses[case]) for case, spent in durations.items()
         }
         self.fast = (self.seconds.keys() - slow_cases(self.seconds) | self.always) - self.beside
 

@@ -98,8 +98,8 @@ def differences(a: Any, b: Any, rtol: float, at: str = "") -> Iterator[str]:
         for key in [*a, *(key for key in b if key not in a)]:
             yield from differences(a.get(key, "<absent>"), b.get(key, "<absent>"), rtol, f"{at}.{key}")
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        for i, (one, two) in enumerate(zip(a, b, strict=True)):
-            yield from differences(one, two, rtol, f"{at}[{i}]")
+        for i, (left, two) in enumerate(zip(a, b, strict=True)):
+            yield from differences(left, two, rtol, f"{at}[{i}]")
     elif isinstance(a, float) and isinstance(b, float):
         tiny = TINY if rtol and ("p_value" in at or "p_raw" in at or ".h[" in at) else 0.0
         same = a == b or abs(a - b) <= max(rtol * max(abs(a), abs(b)), tiny) or (math.isnan(a) and math.isnan(b))
@@ -128,22 +128,22 @@ def read(path: Path) -> Any:
         return text.splitlines()[0] if text.startswith("exit") else None
 
 
-def diff(one: Path, two: Path, rtol: float) -> int:
+def diff(path: Path, two: Path, rtol: float) -> int:
     """Compare two folders made by `run`, recording by recording; the number of those that differ."""
     names, same = [*REAL, *SIMULATED], 0
     for name in names:
         files = sorted(
-            {p.name for folder in (one, two) for p in folder.glob(f"{name}.*") if p.suffix in (".json", ".h")}
+            {p.name for folder in (path, two) for p in folder.glob(f"{name}.*") if p.suffix in (".json", ".h")}
         )
-        found = []
+        results = []
         for file in files:
-            if not ((one / file).is_file() and (two / file).is_file()):
-                found.append(f"{file}: only in one of the two")
+            if not ((path / file).is_file() and (two / file).is_file()):
+                results.append(f"{file}: only in one of the two")
                 continue
-            found += [f"{file}{line}" for line in differences(read(one / file), read(two / file), rtol)]
-        same += not found
-        print(f"{name}: {len(files)} files, {'equal' if not found else f'{len(found)} differences'}")
-        for line in found[:8]:
+            results += [f"{file}{line}" for line in differences(read(path / file), read(two / file), rtol)]
+        same += not results
+        print(f"{name}: {len(files)} files, {'equal' if not results else f'{len(results)} differences'}")
+        for line in results[:8]:
             print(f"    {line}")
     print(f"{same} of {len(names)} recordings equal (numbers to {rtol:g} relative, sentences aside)")
     return len(names) - same
@@ -153,8 +153,8 @@ def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    made = commands.add_parser("run")
-    made.add_argument("folder", type=Path)
+    run_parser = commands.add_parser("run")
+    run_parser.add_argument("folder", type=Path)
     compared = commands.add_parser("diff")
     compared.add_argument("one", type=Path)
     compared.add_argument("two", type=Path)

@@ -22,20 +22,21 @@ FILES = ("LICEN[CS]E*", "COPYING*", "NOTICE*", "UNLICENSE*", "license*")
 def compiled_in() -> list[dict[str, Any]]:
     """Packages from the registry that become part of the extension module, by name."""
     command = ["cargo", "metadata", "--format-version", "1", "--locked"]
-    found = json.loads(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout)
-    packages = {each["id"]: each for each in found["packages"]}
-    nodes = {each["id"]: each for each in found["resolve"]["nodes"]}
-    (root,) = (name for name, each in packages.items() if each["name"] == "accelcal-py")
-    seen, open_ = {root}, [root]
+    answer = json.loads(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout)
+    packages = {item["id"]: item for item in answer["packages"]}
+    nodes = {item["id"]: item for item in answer["resolve"]["nodes"]}
+    (root,) = (name for name, item in packages.items() if item["name"] == "accelcal-py")
+    reached, open_ = {root}, [root]
     while open_:
         for edge in nodes[open_.pop()]["deps"]:
             normal = any(kind["kind"] is None for kind in edge["dep_kinds"])
             macro = any("proc-macro" in target["kind"] for target in packages[edge["pkg"]]["targets"])
-            if normal and not macro and edge["pkg"] not in seen:
-                seen.add(edge["pkg"])
+            if normal and not macro and edge["pkg"] not in reached:
+                reached.add(edge["pkg"])
                 open_.append(edge["pkg"])
     return sorted(
-        (packages[each] for each in seen if packages[each]["source"]), key=lambda each: (each["name"], each["version"])
+        (packages[item] for item in reached if packages[item]["source"]),
+        key=lambda item: (item["name"], item["version"]),
     )
 
 
@@ -44,13 +45,13 @@ def text() -> str:
     packages = compiled_in()
     shared: dict[str, list[str]] = {}
     lines = ["The extension module accelcal._core contains the following crates.", ""]
-    for each in packages:
-        title = f"{each['name']} {each['version']}"
-        lines.append(f"{title}: {each['license']}")
-        folder = Path(each["manifest_path"]).parent
+    for package in packages:
+        title = f"{package['name']} {package['version']}"
+        lines.append(f"{title}: {package['license']}")
+        folder = Path(package["manifest_path"]).parent
         files = sorted({path for pattern in FILES for path in folder.glob(pattern) if path.is_file()})
         if not files:
-            lines[-1] += f" (no licence file in the package; {each['repository']})"
+            lines[-1] += f" (no licence file in the package; {package['repository']})"
         for path in files:
             shared.setdefault(path.read_text(encoding="utf-8").strip(), []).append(f"{title}, {path.name}")
     for content, names in shared.items():

@@ -22,13 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="the workload with this name")
     parser.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
     chosen = parser.parse_args(arguments)
-    found = compare_peers([w for w in WORKLOADS if chosen.only in w.name], chosen.rounds)
-    text = markdown(found)
+    results = compare_peers([w for w in WORKLOADS if chosen.only in w.name], chosen.rounds)
+    text = markdown(results)
     print("\n" + text)
     if chosen.write:
         write(text)
-    agreed = all(result.agrees for result in found.results)
-    return 0 if agreed and all(bar.met for bar in bars(found, BARS)) else 1
+    agreed = all(result.agrees for result in results.results)
+    return 0 if agreed and all(bar.met for bar in bars(results, BARS)) else 1
 
 
 if __name__ == "__main__":

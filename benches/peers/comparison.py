@@ -78,7 +78,7 @@ class Found:
 def peers() -> tuple[list[Peer], dict[str, str]]:
     """Peers that are installed, and for each of the others why it is not."""
     four = dict.fromkeys(("W1", "W2", "W3", "W4"), STEPS)
-    found = [
+    results = [
         Peer(FUSED, four, native.rust("fused")),
         Peer("accelcal, lanes from Rust", {"W5": 2000}, native.rust("batch")),
         Peer("accelcal, Python run_batch", {**four, "W5": 2000}, ours.record, public=True),
@@ -92,22 +92,22 @@ def peers() -> tuple[list[Peer], dict[str, str]]:
         ("adskalman short form {}", partial(native.rust_version, "adskalman"), {"W3": STEPS}, native.rust("optimal")),
     ):
         try:
-            found.append(Peer(name.format(version()), steps, prepare))
+            results.append(Peer(name.format(version()), steps, prepare))
         except Missing as why:
             missing[name.partition(" ")[0]] = str(why)
     for module in PYTHON:
         try:
             loaded = importlib.import_module(f"benches.peers.{module}")
-            found.append(Peer(loaded.NAME, loaded.STEPS, loaded.prepare))
+            results.append(Peer(loaded.NAME, loaded.STEPS, loaded.prepare))
         except ImportError as why:
             missing[module.partition("_")[0]] = f'{why}; pip install "accelcal[peers]"'
-    return found, missing
+    return results, missing
 
 
 def compare_peers(workloads: Sequence[Workload], rounds: int) -> Found:
     """Run every peer on every workload, rounds of all peers in turn."""
     installed, missing = peers()
-    found = Found(missing=missing)
+    results = Found(missing=missing)
     for workload in workloads:
         longest = draw(workload, max(peer.steps.get(workload.name, 0) for peer in installed))
 
@@ -128,12 +128,12 @@ def compare_peers(workloads: Sequence[Workload], rounds: int) -> Found:
                 missing[peer.name] = str(why)
                 continue
             print(f"{workload.name} {peer.name}: {result.deviation:.1e} from the reference", flush=True)
-            found.results.append(result)
+            results.results.append(result)
             running.append((result, once, steps * workload.runs))
         for _ in range(rounds):
             for result, once, steps in running:
                 result.nanoseconds = min(result.nanoseconds, once().seconds / steps * 1e9)
-    return found
+    return results
 
 
 def deviation(ended: Ended, x: Array, variances: Array) -> float:

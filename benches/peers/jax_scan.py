@@ -27,8 +27,8 @@ Belief = tuple[Any, Any]
 def prepare(workload: Workload, data: Data) -> Callable[[], Ended]:
     """The run over a record, compiled before it is timed."""
     u, z = jnp.asarray(data.u), jnp.asarray(data.z)
-    one = lambda u, z: follow(workload, u, z)  # noqa: E731
-    run = jax.jit(jax.vmap(one) if workload.runs > 1 else one).lower(u, z).compile()
+    step = lambda u, z: follow(workload, u, z)  # noqa: E731
+    run = jax.jit(jax.vmap(step) if workload.runs > 1 else step).lower(u, z).compile()
     return timed(lambda: tuple(np.asarray(a) for a in run(u, z)))
 
 

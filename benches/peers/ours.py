@@ -39,9 +39,9 @@ def record(workload: Workload, data: Data) -> Callable[[], Ended]:
     """`run_batch` on one record, or on all runs of W5 side by side; one thread."""
 
     def work() -> tuple[Array, Array]:
-        found = run_batch(choice(workload), data.u, data.z, dt=DT, **settings(workload))
-        variances = np.diagonal(found.covariances, axis1=1, axis2=2)
-        return (found.states, variances) if workload.runs > 1 else (found.states[0], variances[0])
+        result = run_batch(choice(workload), data.u, data.z, dt=DT, **settings(workload))
+        variances = np.diagonal(result.covariances, axis1=1, axis2=2)
+        return (result.states, variances) if workload.runs > 1 else (result.states[0], variances[0])
 
     return timed(work)
 

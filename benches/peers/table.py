@@ -44,13 +44,13 @@ BARS = (
 )
 
 
-def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
+def bars(results: Found, asked: Sequence[Bar]) -> list[Bar]:
     """The smallest ratio of each bar, of the workloads that were run."""
     found_bars = []
     for bar in asked:
         ratios = []
-        for result in found.results:
-            us = found.of(FUSED, result.workload)
+        for result in results.results:
+            us = results.of(FUSED, result.workload)
             if us is not None and result.peer.startswith(bar.peer) and result.workload in bar.workloads:
                 ratios.append(result.nanoseconds / us.nanoseconds)
         if ratios:
@@ -58,36 +58,39 @@ def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
     return found_bars
 
 
-def markdown(found: Found) -> str:
+def markdown(results: Found) -> str:
     """Times with their ratios to ours, then the bars, then the peers that were not installed."""
-    workloads = sorted({result.workload for result in found.results})
+    workloads = sorted({result.workload for result in results.results})
     names = sorted(
-        dict.fromkeys(result.peer for result in found.results), key=lambda name: not name.startswith("accelcal")
+        dict.fromkeys(result.peer for result in results.results), key=lambda name: not name.startswith("accelcal")
     )
     lines = [f"| ns per step (times ours) | {' | '.join(workloads)} |", "|---|" + "---|" * len(workloads)]
-    lines += [f"| {name} | {' | '.join(cell(found, name, workload) for workload in workloads)} |" for name in names]
+    lines += [f"| {name} | {' | '.join(cell(results, name, workload) for workload in workloads)} |" for name in names]
     lines += ["", "| at least so many times ours | found | bar | |", "|---|---|---|---|"]
-    for bar in bars(found, BARS):
+    for bar in bars(results, BARS):
         verdict = "met" if bar.met else "**missed**"
         lines.append(
             f"| {bar.peer}, {' '.join(bar.workloads)} | {figures(bar.ratio)} | {figures(bar.least)} | {verdict} |"
         )
     lines += [
         "",
-        f"accelcal {__version__} on {processor()}; Python {platform.python_version()}; {said('rustc')}; {said('c++')}.",
+        f"accelcal {__version__} on {processor()}; Python {platform.python_version()}; "
+        f"{version_of('rustc')}; {version_of('c++')}.",
     ]
-    lines += [f"Not installed: {name} ({why})." for name, why in found.missing.items()]
+    lines += [f"Not installed: {name} ({why})." for name, why in results.missing.items()]
     return "\n".join(lines) + "\n"
 
 
-def cell(found: Found, name: str, workload: str) -> str:
+def cell(results: Found, name: str, workload: str) -> str:
     """A time and its ratio, or why there is none."""
-    result = found.of(name, workload)
+    result = results.of(name, workload)
     if result is None:
         return ""
     if not result.agrees:
         return f"**disagrees by {result.deviation:.1g}**"
-    us = found.of(FUSED, workload) or found.of(next(r.peer for r in found.results if r.workload == workload), workload)
+    us = results.of(FUSED, workload) or results.of(
+        next(r.peer for r in results.results if r.workload == workload), workload
+    )
     assert us is not None
     return f"{figures(result.nanoseconds)} ({figures(result.nanoseconds / us.nanoseconds)})"
 
@@ -104,7 +107,7 @@ def processor() -> str:
     return f"{len(names)} times {names[0].partition(': ')[2]}, load {os.getloadavg()[0]:.1f}"
 
 
-def said(program: str) -> str:
+def version_of(program: str) -> str:
     """First line of what a compiler says of its version."""
     if shutil.which(program) is None:
         return f"no {program}"

@@ -127,8 +127,8 @@ def reproduce(
     items: list[Item] = []
     drawn: list[Any] = []
     for make in makers:
-        made = make(plan)
-        item, *more = made if isinstance(made, tuple) else (made,)
+        table_made = make(plan)
+        item, *more = table_made if isinstance(table_made, tuple) else (table_made,)
         items.append(item)
         drawn += more
         if progress is not None:

@@ -61,10 +61,10 @@ def _figure(tracks: Sequence[ParameterTrack], headline: str) -> Figure:
         truth, marks = float(tracks[0].truth[i]), list[Mark]()
         for track, role in zip(reversed(tracks), _ROLES, strict=True):
             estimate, reach = track.estimates[:, i], 2.0 * track.sigmas[:, i]
-            said = f"{track.title}, ±2 sigma"
+            label = f"{track.title}, ±2 sigma"
             marks += [
                 Band(track.t, estimate - reach, estimate + reach, role=role, outlined=False),
-                Line(track.t, estimate, said, role, solid=True),
+                Line(track.t, estimate, label, role, solid=True),
             ]
         half = _SPAN * max(track.sigmas[len(track.t) // 5, i] for track in tracks)
         size = Axis(name, UNITS[name], range=(truth - half, truth + half))
@@ -219,6 +219,6 @@ def coverage_text() -> str:
     names = ("where", "statement", "state", "by", "what is missing, or why")
     cells = ((s.where, s.text, s.state, s.answer, s.open or s.impossible) for s in STATEMENTS)
     console.print(_table("The paper, statement by statement", names, cells))
-    counts = Counter(each.state for each in STATEMENTS)
+    counts = Counter(item.state for item in STATEMENTS)
     console.print("; ".join(f"{state}: {n}" for state, n in counts.items()))
     return file.getvalue()

@@ -198,7 +198,7 @@ def consistency_item(plan: Plan) -> Item:
     """Every filter on its own model, then on the rig."""
     runs, rig_runs = plan.runs(13, 100), plan.runs(13, 50)
     seconds = float(plan.runs(10, 30))
-    own = [_own_row(f, result) for pair in PAIRS for f, result in own_model(plan, pair, runs, seconds).items()]
+    own_effects = [_own_row(f, result) for pair in PAIRS for f, result in own_model(plan, pair, runs, seconds).items()]
     mismatched = {f: result for pair in PAIRS for f, result in on_rig(plan, pair, rig_runs, seconds).items()}
     rig = [_rig_row(f, result) for f, result in mismatched.items()]
     return Item(
@@ -206,7 +206,7 @@ def consistency_item(plan: Plan) -> Item:
         title="Filter consistency: NEES at the end of the record",
         source="II-H, III-A1",
         rows=(
-            *own,
+            *own_effects,
             *rig,
             _mismatch_row(mismatched),
             _known_lag_row(plan, rig_runs),
@@ -770,7 +770,7 @@ def _unstable_row(plan: Plan) -> Row:
     """The share of the draws in which each filter diverges."""
     runs = plan.runs(10, 200)
     choices = (replace(ACI, form="inverse"), CWPA)
-    counts = {label(c): diverged(plan, c, runs) for one in choices for c in (one, replace(one, order=2))}
+    counts = {label(c): diverged(plan, c, runs) for choice in choices for c in (choice, replace(choice, order=2))}
     aci, cwpa = (sum(list(counts.values())[part]) for part in (slice(0, 2), slice(2, 4)))
     return Row(
         by="paper",

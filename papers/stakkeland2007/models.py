@@ -88,13 +88,13 @@ def scale_update_item(plan: Plan) -> Item:
 
     def row(by: Literal["paper", "us"], name: str, claim: str, factor: float, remark: str) -> Row:
         i = before.names.index(name)
-        predicted, seen = before.states[-1, i] * factor, after.states[-1, i]
-        deviate = float((seen - predicted) / np.sqrt(after.variances[-1, i]))
+        predicted, measured = before.states[-1, i] * factor, after.states[-1, i]
+        deviate = float((measured - predicted) / np.sqrt(after.variances[-1, i]))
         return Row(
             by=by,
             claim=f"{name} {claim}",
             expected=f"{predicted:.4g}",
-            measured=f"{seen:.4g} ({deviate:+.1f} sigma)",
+            measured=f"{measured:.4g} ({deviate:+.1f} sigma)",
             value=deviate,
             n=1,
             threshold="0.1 sigma: both fits see the same noise",
@@ -135,7 +135,7 @@ def harmonics(sensor: Mapping[str, float], amplitude: float) -> dict[str, float]
 
 def _harmonic_rows() -> tuple[Row, ...]:
     K0, k, K2, K3, A = 0.05, 0.01, -1e-4, 1e-5, 15.0
-    seen = harmonics({"bias": K0, "scale_factor": k, "quadratic": K2, "cubic": K3}, A)
+    measured = harmonics({"bias": K0, "scale_factor": k, "quadratic": K2, "cubic": K3}, A)
     formulas = (
         ("mean = K0 + K2 A²/2", "mean", K0 + K2 * A**2 / 2, CORRECTED),
         ("mean = a0/2 with a0 = 4 K0 + 2 K2 A²", "mean", 2 * K0 + K2 * A**2, "as printed: twice the mean"),
@@ -149,11 +149,11 @@ def _harmonic_rows() -> tuple[Row, ...]:
             by="us" if remark == CORRECTED else "paper",
             claim=claim,
             expected=f"{value:.6g} m/s²",
-            measured=f"{seen[name]:.6g} m/s²",
-            value=seen[name],
+            measured=f"{measured[name]:.6g} m/s²",
+            value=measured[name],
             n=2000,
             threshold="1e-12 m/s²",
-            holds=abs(seen[name] - value) < 1e-12,
+            holds=abs(measured[name] - value) < 1e-12,
             remark=remark,
         )
         for claim, name, value, remark in formulas
@@ -178,13 +178,13 @@ def _corruption_rows(plan: Plan) -> tuple[Row, ...]:
             by="paper",
             claim=claim,
             expected=f"{expected:.5f}{unit}",
-            measured=f"{seen:.5f}{unit} (true value {true:g})",
-            value=seen,
+            measured=f"{measured:.5f}{unit} (true value {true:g})",
+            value=measured,
             n=runs,
             threshold="5 % of the predicted shift",
-            holds=abs(seen - expected) < 0.05 * abs(expected - true),
+            holds=abs(measured - expected) < 0.05 * abs(expected - true),
         )
-        for claim, seen, expected, true, unit in (
+        for claim, measured, expected, true, unit in (
             ("a linear fit puts K2 <a²> into K0", K0, K0_expected, sensor["bias"], " m/s²"),
             ("a linear fit puts K3 <a⁴>/<a²> into k", k, k_expected, sensor["scale_factor"], ""),
         )
@@ -208,14 +208,14 @@ def _fit(choice: FilterChoice, simulated: Simulated, accel: Channel, *, shrink: 
     return filtered(choice, recording, noise, start(choice, simulated.truth), sigma)
 
 
-def _scalar_row(claim: str, expected: float, seen: float, sigma: float, runs: int) -> Row:
-    deviate = (seen - expected) / sigma
+def _scalar_row(claim: str, expected: float, measured: float, sigma: float, runs: int) -> Row:
+    deviate = (measured - expected) / sigma
     return Row(
         by="paper",
         claim=claim,
         expected=f"{expected:.6f}",
-        measured=f"{seen:.6f} ({deviate:+.1f} sigma)",
-        value=float(seen),
+        measured=f"{measured:.6f} ({deviate:+.1f} sigma)",
+        value=float(measured),
         n=runs,
         threshold=f"{SIGMAS:.2f} sigma",
         holds=bool(abs(deviate) < SIGMAS),
@@ -238,11 +238,11 @@ def alignment_item(plan: Plan) -> Item:
     rows: list[Row] = []
     for name, rig in RIGS.items():
         runs = plan.repeat(f"alignment {name}", 1, lambda rng, rig=rig: mounted(rng, rig))[0]  # type: ignore[misc]
-        one, turned, all_three = (estimate(Model.linear(), runs[:count]) for count in (1, 2, 3))
+        single, turned, all_three = (estimate(Model.linear(), runs[:count]) for count in (1, 2, 3))
         rows += [
             _bias_row(
                 f"{name}, one run: the bias holds the tilt of the rail and the angle of the axis",
-                one,
+                single,
                 LEVEL + AXIS_ANGLE,
             ),
             _bias_row(f"{name}, and one turned: the tilt is separated, the angle is not", turned, AXIS_ANGLE),
@@ -262,8 +262,8 @@ def mounted(rng: np.random.Generator, rig: Rig) -> Sequence[Recording]:
     for mount in MOUNTS:
         declared = replace(rig, mount=mount)
         tilted = replace(declared, gravity_along_axis=STANDARD_GRAVITY * math.sin(LEVEL))
-        made = simulate("tones", seconds=ALIGNMENT_SECONDS, rig=tilted, parameters=SENSOR, rng=rng, a_rms=4.0)
-        runs.append(replace(made.recording, rig=declared))
+        simulation = simulate("tones", seconds=ALIGNMENT_SECONDS, rig=tilted, parameters=SENSOR, rng=rng, a_rms=4.0)
+        runs.append(replace(simulation.recording, rig=declared))
     return runs
 
 
@@ -285,9 +285,9 @@ def _bias_row(claim: str, fit: Fit, angle: float) -> Row:
 
 def _angle_row(name: str, fit: Fit) -> Row:
     truth = {"bias": SENSOR["bias"], "tilt": LEVEL, "misalignment": AXIS_ANGLE}
-    worst = max(abs(fit[each].value - value) / fit[each].std for each, value in truth.items())
+    worst = max(abs(fit[item].value - value) / fit[item].std for item, value in truth.items())
     tilt, axis = (
-        f"{math.degrees(fit[each].value):.5f} ± {math.degrees(fit[each].std):.1g}" for each in list(truth)[1:]
+        f"{math.degrees(fit[item].value):.5f} ± {math.degrees(fit[item].std):.1g}" for item in list(truth)[1:]
     )
     return Row(
         by="us",
@@ -323,8 +323,8 @@ def three_axes_item(plan: Plan) -> Item:
     recording = plan.repeat("three axes", 1, record)[0]
     plain = Model.cubic()
     full = plain.add(*AXES.values())
-    known, unknown = recording, replace(recording, rig=CXL02_RIG)
-    both, no_pole, no_axes = estimate(full, known), estimate(full, unknown), estimate(plain, known)
+    declared, unknown = recording, replace(recording, rig=CXL02_RIG)
+    both, no_pole, no_axes = estimate(full, declared), estimate(full, unknown), estimate(plain, declared)
     lag = no_pole["time_offset"]
     follows = CROSS * sum(FOLLOWS.values())
     return Item(
@@ -363,14 +363,14 @@ def three_axes_item(plan: Plan) -> Item:
 
 def record(rng: np.random.Generator) -> Recording:
     """One record of the sensor, its transverse axes as channels of their own."""
-    made = simulate("tones", seconds=40.0, rig=DECLARED, parameters=PAPER_SENSOR, rng=rng, a_rms=4.0)
-    accel = made.recording.accel
-    across = {name: transverse(share, made.truth.motion, accel.t, rng) for name, share in FOLLOWS.items()}
+    simulation = simulate("tones", seconds=40.0, rig=DECLARED, parameters=PAPER_SENSOR, rng=rng, a_rms=4.0)
+    accel = simulation.recording.accel
+    across = {name: transverse(share, simulation.truth.motion, accel.t, rng) for name, share in FOLLOWS.items()}
     chain = (ChannelFilter("RC", cutoff=159.0), OWN_POLE)
     H, reach = response(chain, ACCEL_RATE), memory(chain, ACCEL_RATE)
     added = applied(CROSS * sum(across.values(), np.zeros(len(accel.t))), 1.0 / ACCEL_RATE, H, reach)
     side = {name: Channel(name, accel.t, y, "m/s²") for name, y in across.items()}
-    return replace(made.recording, accel=replace(accel, y=accel.y + added), side=side)
+    return replace(simulation.recording, accel=replace(accel, y=accel.y + added), side=side)
 
 
 def transverse(share: float, motion: Motion, t: Array, rng: np.random.Generator) -> Array:

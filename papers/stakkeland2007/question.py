@@ -81,7 +81,7 @@ class Drifts:
 
     linear: Array
     cubic: Array
-    found: Array
+    named: Array
     """Of the model with the effect that `diagnose` names first; empty where that is not run."""
     snr: Array
     """sqrt of the gain of K2 and K3 together, by their own covariance."""
@@ -125,7 +125,7 @@ def question_item(plan: Plan) -> Item:
                 threshold="all",
                 holds=named == many,
             ),
-            _pair("with it the model tracks better than both", windy, "found", "linear"),
+            _pair("with it the model tracks better than both", windy, "named", "linear"),
         ),
     )
 
@@ -142,8 +142,8 @@ def curved(plan: Plan, times: float, runs: int) -> Drifts:
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         return drift(linear, test), drift(cubic, test), snr(cubic)
 
-    linear, cubic, seen = np.array(plan.repeat(f"question {times:g}", runs, once)).T
-    return Drifts(linear, cubic, np.empty(0), seen, ())
+    linear, cubic, heldout = np.array(plan.repeat(f"question {times:g}", runs, once)).T
+    return Drifts(linear, cubic, np.empty(0), heldout, ())
 
 
 def windage(plan: Plan, runs: int) -> Drifts:
@@ -151,35 +151,35 @@ def windage(plan: Plan, runs: int) -> Drifts:
     effect = find("velocity_squared")
 
     def once(rng: np.random.Generator) -> tuple[float, float, float, float, tuple[str, ...]]:
-        made = [
+        rows = [
             simulate(motion, seconds=SECONDS, rig=rig, parameters=LINEAR_SENSOR, rng=rng)
             for motion, rig in (("moves", CXL02_RIG), ("interleaved", noise_free(CXL02_RIG)))
         ]
-        origins = prepare(made[0].recording).origins
-        train, test = (with_effect(record, effect, WINDAGE, {}, origins) for record in made)
+        origins = prepare(rows[0].recording).origins
+        train, test = (with_effect(record, effect, WINDAGE, {}, origins) for record in rows)
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         named = diagnose(linear, train).effects
         grown = add(linear, train, *named[:1])
         return drift(linear, test), drift(cubic, test), drift(grown, test), snr(cubic), named
 
-    found = plan.repeat("question windage", runs, once)
-    linear, cubic, last, seen = (np.array([run[i] for run in found]) for i in range(4))
-    return Drifts(linear, cubic, last, seen, tuple(run[4] for run in found))
+    result = plan.repeat("question windage", runs, once)
+    linear, cubic, last, heldout = (np.array([run[i] for run in result]) for i in range(4))
+    return Drifts(linear, cubic, last, heldout, tuple(run[4] for run in result))
 
 
-def drift(found: Fit, recording: Recording) -> float:
+def drift(fit: Fit, recording: Recording) -> float:
     """rms coasting error over one recording, m."""
-    value = drift_rms(Prediction.of(found, recording).at_horizon(HORIZON).rezeroed)
+    value = drift_rms(Prediction.of(fit, recording).at_horizon(HORIZON).rezeroed)
     assert value is not None  # the record is longer than the horizon
     return value
 
 
-def snr(found: Fit) -> float:
+def snr(fit: Fit) -> float:
     """sqrt(theta' C⁻¹ theta) of K2 and K3."""
-    free = [estimate.name for estimate in found.free]
+    free = [estimate.name for estimate in fit.free]
     i = [free.index(name) for name in ("quadratic", "cubic")]
-    theta = np.array([found.free[k].value for k in i])
-    return float(np.sqrt(theta @ np.linalg.solve(found.covariance[np.ix_(i, i)], theta)))
+    theta = np.array([fit.free[k].value for k in i])
+    return float(np.sqrt(theta @ np.linalg.solve(fit.covariance[np.ix_(i, i)], theta)))
 
 
 def _pair(claim: str, drifts: Drifts, better: str, worse: str) -> Row:
@@ -230,9 +230,9 @@ def standard_tests_item(plan: Plan) -> Item:
     """What tumble, vibration test and motion need and reach."""
     rows: list[Row] = []
     for name, rig in RIGS.items():
-        found = plan.repeat(f"standard tests {name}", 1, lambda rng, rig=rig: tested(rng, rig))[0]  # type: ignore[misc]
-        rows += (parameter_row(name, found, each) for each in TRUTH)
-        rows += (angle_row(name, rig, found), vibration_row(name, rig, found))
+        result = plan.repeat(f"standard tests {name}", 1, lambda rng, rig=rig: tested(rng, rig))[0]  # type: ignore[misc]
+        rows += (parameter_row(name, result, item) for item in TRUTH)
+        rows += (angle_row(name, rig, result), vibration_row(name, rig, result))
     return Item(
         name="standard_tests",
         title=f"Tumble of {DWELLS} dwells of {DWELL:g} s, motion of {TEST_SECONDS:g} s, both in one fit",
@@ -257,31 +257,31 @@ def tested(rng: np.random.Generator, rig: Rig) -> dict[str, Fit]:
     }
 
 
-def parameter_row(name: str, found: Mapping[str, Fit], each: str) -> Row:
+def parameter_row(name: str, results: Mapping[str, Fit], text: str) -> Row:
     """Uncertainty of one parameter by every test, and whether all of them hold the truth."""
-    std = [fit[each].std for fit in found.values()]
-    worst = max(abs(fit[each].value - TRUTH[each]) / fit[each].std for fit in found.values())
+    std = [fit[text].std for fit in results.values()]
+    worst = max(abs(fit[text].value - TRUTH[text]) / fit[text].std for fit in results.values())
     minutes = DWELLS * (DWELL + TURN) / 60.0
-    unit = found["motion"][each].unit.removeprefix("1")
+    unit = results["motion"][text].unit.removeprefix("1")
     return Row(
         by="us",
-        claim=f"{name}, {SYMBOLS[each]}: a motion and a tumble together are as certain as the better of the two",
+        claim=f"{name}, {SYMBOLS[text]}: a motion and a tumble together are as certain as the better of the two",
         expected=f"within {LARGEST:g} standard deviations of the truth",
         measured=(
             f"tumble {minutes:.0f} min: {std[0]:.2g} (angles 0.05 deg), {std[1]:.2g} (0.001 deg); motion "
             f"{TEST_SECONDS / 60.0:g} min: {std[2]:.2g}; both {std[3]:.2g} {unit}; largest error {worst:.1f} sigma"
         ),
         value=std[2] / std[1],
-        n=len(found),
+        n=len(results),
         threshold=f"errors below {LARGEST:g} sigma; u(both) <= 1.05 of the less",
-        holds=bool(worst < LARGEST and (std[3] <= 1.05 * min(std[1], std[2]) or each == "bias")),
-        remark="a level motion shows K0 + g tilt, which the tumble separates" if each == "bias" else "",
+        holds=bool(worst < LARGEST and (std[3] <= 1.05 * min(std[1], std[2]) or text == "bias")),
+        remark="a level motion shows K0 + g tilt, which the tumble separates" if text == "bias" else "",
     )
 
 
-def angle_row(name: str, rig: Rig, found: Mapping[str, Fit]) -> Row:
+def angle_row(name: str, rig: Rig, results: Mapping[str, Fit]) -> Row:
     """The paper's claim for the scale factor: how exact the angles of a tumble must be to reach the motion."""
-    wanted = found["motion"]["scale_factor"].std
+    wanted = results["motion"]["scale_factor"].std
     plain = replace(rig, lowpass=None)
 
     def missed(log_angle: float) -> float:
@@ -305,12 +305,12 @@ def angle_row(name: str, rig: Rig, found: Mapping[str, Fit]) -> Row:
     )
 
 
-def vibration_row(name: str, rig: Rig, found: Mapping[str, Fit]) -> Row:
+def vibration_row(name: str, rig: Rig, results: Mapping[str, Fit]) -> Row:
     """K2 from the mean of a vibration test: mean = K0 + K2 A²/2."""
     noise = rig.sensor.noise or 0.0
     std = math.sqrt(2.0) * math.sqrt(0.5 * noise**2 / SHAKEN) * 2.0 / AMPLITUDE**2  # with and without vibration
     quadratic = polynomial(2)[0]
-    motion = found["motion"][quadratic].std
+    motion = results["motion"][quadratic].std
     rng = np.random.default_rng(1)
     t = np.arange(0.0, SHAKEN, 1e-3)
     a = AMPLITUDE * np.sin(2.0 * np.pi * 80.0 * t)
@@ -346,7 +346,7 @@ def centrifuge_item(plan: Plan) -> Item:
     rows: list[Row] = []
     for name, rig in RIGS.items():
         fits = plan.repeat(f"centrifuge {name}", 1, lambda rng, rig=rig: turned(rng, rig))[0]  # type: ignore[misc]
-        rows += [centrifuge_row(name, fits, each) for each in ("scale_factor", *polynomial(3))]
+        rows += [centrifuge_row(name, fits, item) for item in ("scale_factor", *polynomial(3))]
     return Item(
         name="centrifuge",
         title=f"Arm of {1e3 * ARM:g} ± {1e3 * ARM_STD:g} mm at {SPEEDS} speeds and stage, {TEST_SECONDS:g} s each",
@@ -384,14 +384,14 @@ def on_centrifuge(rng: np.random.Generator, rig: Rig) -> Recording:
     return Recording(Channel("accel", t, output, "m/s^2"), motion.path, side=motion.side, rig=on_rig)
 
 
-def centrifuge_row(name: str, fits: Mapping[str, Fit], each: str) -> Row:
+def centrifuge_row(name: str, fits: Mapping[str, Fit], text: str) -> Row:
     """Uncertainty of one parameter by both rigs, and whether both hold the truth."""
-    stage, arm = (fits[rig][each] for rig in ("stage", "arm"))
-    worst = max(abs(e.value - TRUTH[each]) / e.std for e in (stage, arm))
+    stage, arm = (fits[rig][text] for rig in ("stage", "arm"))
+    worst = max(abs(e.value - TRUTH[text]) / e.std for e in (stage, arm))
     unit = stage.unit.removeprefix("1")
     return Row(
         by="us",
-        claim=f"{name}, {SYMBOLS[each]}: stage and arm agree with the truth",
+        claim=f"{name}, {SYMBOLS[text]}: stage and arm agree with the truth",
         expected=f"within {LARGEST:g} standard deviations of the truth",
         measured=f"stage {stage.std:.2g}, arm {arm.std:.2g} {unit}".strip() + f"; largest error {worst:.1f} sigma",
         value=stage.std / arm.std,
@@ -521,17 +521,17 @@ class Outcomes:
     """Whether the first effect that is missing is such a process, or confounded with one."""
     plain: Array
     """Error of k of the linear model in its standard deviations."""
-    known: Array
+    complete: Array
     """The same with the process in the model."""
 
 
 def varying_item(plan: Plan) -> Item:
     """Significance, drift and name."""
     runs = plan.runs(3, 24)
-    found = outcomes(plan, runs)
-    pair = paired(found.linear, found.cubic)
-    worst, least = rms(found.plain), rms(found.known)
-    p_value = float(scipy.special.chdtrc(2 * runs, np.sum(found.snr**2)))
+    result = outcomes(plan, runs)
+    pair = paired(result.linear, result.cubic)
+    worst, least = rms(result.plain), rms(result.complete)
+    p_value = float(scipy.special.chdtrc(2 * runs, np.sum(result.snr**2)))
     return Item(
         name="varying",
         title=f"Linear sensor whose scale factor varies by {SIGMA:g} within {TAU:g} s, ADXL105",
@@ -541,7 +541,7 @@ def varying_item(plan: Plan) -> Item:
                 "us",
                 "K2, K3 that the sensor has not exceed their covariance when the scale factor varies",
                 f"chi-square of all runs beyond p = {ALPHA:g}",
-                f"{np.min(found.snr):.1f} to {np.max(found.snr):.1f} sigma, p = {p_value:.1g}",
+                f"{np.min(result.snr):.1f} to {np.max(result.snr):.1f} sigma, p = {p_value:.1g}",
                 p_value,
                 runs,
                 f"{ALPHA:g}",
@@ -551,7 +551,7 @@ def varying_item(plan: Plan) -> Item:
                 "us",
                 "the linear model then tracks better than the cubic one",
                 "linear below cubic",
-                f"{1e3 * rms(found.linear):.3g} mm against {1e3 * rms(found.cubic):.3g} mm",
+                f"{1e3 * rms(result.linear):.3g} mm against {1e3 * rms(result.cubic):.3g} mm",
                 pair.ratio,
                 runs,
                 f"below 1 (mean log ratio is {pair.deviate:+.1f} sigma)",
@@ -561,11 +561,11 @@ def varying_item(plan: Plan) -> Item:
                 "us",
                 "the diagnosis names the process, or confounds it with a drift or step",
                 f"{runs} of {runs}",
-                f"{int(np.sum(found.named))} of {runs}",
-                float(np.mean(found.named)),
+                f"{int(np.sum(result.named))} of {runs}",
+                float(np.mean(result.named)),
                 runs,
                 "all",
-                holds=bool(np.all(found.named)),
+                holds=bool(np.all(result.named)),
             ),
             Row(
                 "us",
@@ -592,33 +592,33 @@ def outcomes(plan: Plan, runs: int) -> Outcomes:
             "interleaved", seconds=VARYING_SECONDS, rig=noise_free(ADXL105_RIG), parameters=LINEAR_SENSOR, rng=rng
         ).recording
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
-        missing = diagnose(linear, train).scan.found
+        missing = diagnose(linear, train).scan.detected
         named = bool(missing) and not PROCESSES.isdisjoint(missing[0].members)
         fit = estimate(missing[0].enter(linear.model), train) if named else linear
-        error, known = (f["scale_factor"].value - LINEAR_SENSOR["scale_factor"] for f in (linear, fit))
+        error, rest = (f["scale_factor"].value - LINEAR_SENSOR["scale_factor"] for f in (linear, fit))
         return (
             drift(linear, test),
             drift(cubic, test),
             snr(cubic),
             float(named),
             error / linear["scale_factor"].std,
-            known / fit["scale_factor"].std,
+            rest / fit["scale_factor"].std,
         )
 
     return Outcomes(*np.array(plan.repeat("varying", runs, once)).T)
 
 
-def varied(made: Simulated, rng: np.random.Generator) -> Simulated:
+def varied(simulated: Simulated, rng: np.random.Generator) -> Simulated:
     """The record with a scale factor that varies: k(t) a(t) added to the output, k by its exact recursion."""
-    accel = made.recording.accel
+    accel = simulated.recording.accel
     keep = float(np.exp(-np.median(np.diff(accel.t)) / TAU))
     k = np.empty(len(accel.t))
     k[0] = SIGMA * rng.standard_normal()
     for i, shock in enumerate(SIGMA * np.sqrt(1.0 - keep**2) * rng.standard_normal(len(k) - 1), 1):
         k[i] = keep * k[i - 1] + shock
-    y = accel.y + k * made.truth.motion.acceleration(accel.t)
-    recording = replace(made.recording, accel=replace(accel, y=y), digest=f"varied {rng.integers(1 << 60)}")
-    return replace(made, recording=recording)
+    y = accel.y + k * simulated.truth.motion.acceleration(accel.t)
+    recording = replace(simulated.recording, accel=replace(accel, y=y), digest=f"varied {rng.integers(1 << 60)}")
+    return replace(simulated, recording=recording)
 
 
 SEEN, GAP = 20.0, 1.0
@@ -699,9 +699,9 @@ def reached(plan: Plan, world: str, rig: Rig, designs: Mapping[str, Design], run
     curved = any(design.choice.model == "cubic" for design in designs.values())
 
     def once(rng: np.random.Generator) -> list[tuple[float, float]]:
-        made = record(rng, rig, curved=curved)
-        seen = cut(made.recording)
-        return [judged(design, made, seen, rig) for design in designs.values()]
+        recording = record(rng, rig, curved=curved)
+        cut_record = cut(recording.recording)
+        return [judged(design, recording, cut_record, rig) for design in designs.values()]
 
     values = np.array(plan.repeat(world, runs, once))
     return {
@@ -713,44 +713,44 @@ def record(rng: np.random.Generator, rig: Rig, *, curved: bool) -> Simulated:
     """A record of one world."""
     K2, K3 = CURVATURE_SIGMAS * rng.standard_normal(2) if curved else (0.0, 0.0)
     sensor = {"bias": 0.05, "quadratic": K2, "cubic": K3}
-    made = simulate("tones", seconds=SEEN + GAP, rig=rig, parameters=sensor, rng=rng, position_noise=0.0)
-    return made if curved else varied(made, rng)
+    simulation = simulate("tones", seconds=SEEN + GAP, rig=rig, parameters=sensor, rng=rng, position_noise=0.0)
+    return simulation if curved else varied(simulation, rng)
 
 
 def cut(recording: Recording) -> Recording:
     """Without the positions of the last second."""
     position = recording.position
-    seen = position.t < SEEN
-    return replace(recording, position=replace(position, t=position.t[seen], y=position.y[seen]))
+    inside = position.t < SEEN
+    return replace(recording, position=replace(position, t=position.t[inside], y=position.y[inside]))
 
 
-def judged(design: Design, made: Simulated, seen: Recording, rig: Rig) -> tuple[float, float]:
+def judged(design: Design, simulated: Simulated, recording: Recording, rig: Rig) -> tuple[float, float]:
     """Position error (m) and NEES of position and velocity at the end."""
-    choice, truth = design.choice, made.truth
+    choice, truth = design.choice, simulated.truth
     sigmas = dict(zip(choice.states(), prior_sigmas(choice), strict=True)) | dict(design.sigmas)
     prior = np.array(list(sigmas.values()))
-    track = filtered(choice, seen, tuned(truth, rig), start(choice, truth), prior, parameters=design.processes)
+    track = filtered(choice, recording, tuned(truth, rig), start(choice, truth), prior, parameters=design.processes)
     error = track.states[-1, :2] - truth.motion.derivatives(track.times[-1:])[:2, 0]
     return abs(float(error[0])), float(nees(error, track.covariance[:2, :2]))
 
 
-def _nees_row(claim: str, found: Reached, verdict: str) -> Row:
-    low, high = found.consistency.low, found.consistency.high
+def _nees_row(claim: str, result: Reached, verdict: str) -> Row:
+    low, high = result.consistency.low, result.consistency.high
     return Row(
         by="us",
         claim=claim,
         expected="2" if verdict == "consistent" else f"above {high:.2f}",
-        measured=f"NEES of p, v {found.consistency.mean:.3g}; position error {1e3 * rms(found.errors):.3g} mm rms",
-        value=found.consistency.mean,
-        n=found.consistency.runs,
+        measured=f"NEES of p, v {result.consistency.mean:.3g}; position error {1e3 * rms(result.errors):.3g} mm rms",
+        value=result.consistency.mean,
+        n=result.consistency.runs,
         threshold=f"{1.0 - ALPHA:.1%} region {low:.2f} to {high:.2f}",
-        holds=found.consistency.verdict == verdict,
+        holds=result.consistency.verdict == verdict,
     )
 
 
-def _error_row(claim: str, found: Mapping[str, Reached], rival: str) -> Row:
-    pair = paired(found["considered"].errors, found[rival].errors)
-    size = {name: 1e3 * rms(design.errors) for name, design in found.items()}
+def _error_row(claim: str, results: Mapping[str, Reached], rival: str) -> Row:
+    pair = paired(results["considered"].errors, results[rival].errors)
+    size = {name: 1e3 * rms(design.errors) for name, design in results.items()}
     return Row(
         by="paper",
         claim=claim,
@@ -760,7 +760,7 @@ def _error_row(claim: str, found: Mapping[str, Reached], rival: str) -> Row:
             f"{size['estimated']:.3g} mm"
         ),
         value=pair.ratio,
-        n=len(found[rival].errors),
+        n=len(results[rival].errors),
         threshold=f"2 % and {SIGMAS:.2f} sigma (mean log ratio is {pair.deviate:+.1f} sigma)",
         holds=pair.verdict == "smaller",
         remark="it makes the stated uncertainty true, not the error small (derivations 5.2)",
@@ -794,8 +794,8 @@ def mapping_item(plan: Plan) -> tuple[Item, Fit]:
 def fitted(plan: Plan, name: str, sensor: Mapping[str, float]) -> Fit:
     """A cubic model on one record of a sensor."""
     rng = plan.repeat(f"mapping {name}", 1, lambda rng: rng)[0]
-    made = simulate("tones", seconds=MAPPING_SECONDS, rig=ADXL105_RIG, parameters=sensor, rng=rng, a_rms=4.0)
-    return estimate(Model.cubic(), made.recording)
+    simulation = simulate("tones", seconds=MAPPING_SECONDS, rig=ADXL105_RIG, parameters=sensor, rng=rng, a_rms=4.0)
+    return estimate(Model.cubic(), simulation.recording)
 
 
 def true_deviation(sensor: Mapping[str, float], a: Array) -> Array:

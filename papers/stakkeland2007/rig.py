@@ -111,12 +111,12 @@ def encoder_speed_item(plan: Plan) -> Item:
 
 def followed(rng: np.random.Generator, top: float) -> Followed:
     """Bursts up to a speed, read by the encoder."""
-    made = simulate("bursts", seconds=SECONDS, rig=PLAIN_CXL02, parameters=PAPER_SENSOR, rng=rng, v_max=top)
-    position = made.recording.position
-    behind = read(made.truth.motion, position.t) - made.truth.motion.position(position.t)
+    simulation = simulate("bursts", seconds=SECONDS, rig=PLAIN_CXL02, parameters=PAPER_SENSOR, rng=rng, v_max=top)
+    position = simulation.recording.position
+    behind = read(simulation.truth.motion, position.t) - simulation.truth.motion.position(position.t)
     resolution = PLAIN_CXL02.resolution or 1e-6
     y = resolution * np.round((position.y + behind) / resolution)
-    recording = replace(made.recording, position=replace(position, y=y))
+    recording = replace(simulation.recording, position=replace(position, y=y))
     return Followed(recording, estimate(Model.cubic(), recording), float(np.max(np.abs(behind))))
 
 
@@ -125,11 +125,11 @@ def read(stage: Motion, t: Array) -> Array:
     fine = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1)
     p = stage.position(fine)
     most = LIMIT * (fine[1] - fine[0]) * (1.0 + 1e-6)  # a motion at the limit is followed
-    x, found = float(p[0]), np.empty(len(p))
+    x, result = float(p[0]), np.empty(len(p))
     for i, to in enumerate(p.tolist()):
         x += min(max(to - x, -most), most)
-        found[i] = x
-    return found[::STEPS]
+        result[i] = x
+    return result[::STEPS]
 
 
 def top_speed(name: str) -> tuple[float, float]:
@@ -258,9 +258,9 @@ def gap_errors(plan: Plan, sensor: Mapping[str, float], runs: int) -> dict[str, 
 def withheld(recording: Recording, first: float, length: float) -> Recording:
     """From `first` s on, every second stretch of `length` s is without positions: its samples are simply absent."""
     t = recording.position.t
-    seen = (t < first) | ((t - first) % (2.0 * length) < length)
+    inside = (t < first) | ((t - first) % (2.0 * length) < length)
     position = recording.position
-    return replace(recording, position=Channel(position.name, t[seen], position.y[seen], position.unit))
+    return replace(recording, position=Channel(position.name, t[inside], position.y[inside], position.unit))
 
 
 def gap_ends(first: float, length: float, seconds: float) -> Array:
@@ -277,18 +277,18 @@ def _floor_row(result: Mapping[str, Array], runs: int) -> Row:
     density = PLAIN_ADXL105.sensor.noise
     assert density is not None  # the ready-made rigs declare it
     floor = random_walk_floor(density, GAP)
-    seen = rms(result["ACI cubic"])
+    error = rms(result["ACI cubic"])
     count = runs * len(gap_ends(CALIBRATION, GAP, GAP_SECONDS))
     margin = SIGMAS / np.sqrt(2.0 * count)
     return Row(
         by="us",
         claim="the sensor's noise sets the error of a calibrated sensor",
         expected=f"{floor * 1e3:.3f} mm = sqrt(q t³/3)",
-        measured=f"{seen * 1e3:.3f} mm (ACI cubic)",
-        value=seen,
+        measured=f"{error * 1e3:.3f} mm (ACI cubic)",
+        value=error,
         n=count,
         threshold=f"within -{margin:.0%} and +{margin + 0.1:.0%}: velocity and bias add up to 10 %",
-        holds=bool(1.0 - margin < seen / floor < 1.1 + margin),
+        holds=bool(1.0 - margin < error / floor < 1.1 + margin),
         remark="no filter can do better",
     )
 
@@ -362,7 +362,7 @@ def vibration_item(plan: Plan) -> Item:
     """Table I beside its substitute."""
     runs = plan.runs(RUNS, 5 * RUNS)
     cells = {(name, A): cell for A in AMPLITUDES for name, cell in table_row(plan, A, runs).items()}
-    found = {A: replayed(plan, A, plan.runs(REPLAYED, 10)) for A in AMPLITUDES}
+    results = {A: replayed(plan, A, plan.runs(REPLAYED, 10)) for A in AMPLITUDES}
     without = None if plan.quick else replayed(plan, AMPLITUDES[-1], 10, with_noise=False)
     return Item(
         name="vibration",
@@ -370,8 +370,8 @@ def vibration_item(plan: Plan) -> Item:
         source="III-A2, Table I",
         rows=(
             *(_row(name, A, cells[name, A], runs) for name, A in SUBSTITUTE),
-            *(_replay_row(each, A) for A, each in found.items()),
-            _nees_row(found, without),
+            *(_replay_row(item, A) for A, item in results.items()),
+            _nees_row(results, without),
             _ruin_row(cells, runs),
             *_band_rows(plan, cells, runs),
             _order_row(cells, runs),
@@ -436,15 +436,15 @@ def replayed(plan: Plan, amplitude: float, runs: int, *, width: float = 0.0, wit
             float(error @ np.linalg.solve(covariance, error)),
         )
 
-    found = plan.repeat(f"replay, {amplitude:g} m/s²{_of_band(width)}", runs, once)
-    relative, std, nees = zip(*found, strict=True)
+    result = plan.repeat(f"replay, {amplitude:g} m/s²{_of_band(width)}", runs, once)
+    relative, std, nees = zip(*result, strict=True)
     return Replayed(np.array(relative), np.array(std), sum(nees))
 
 
-def _replay_row(found: Replayed, amplitude: float, width: float = 0.0) -> Row:
+def _replay_row(result: Replayed, amplitude: float, width: float = 0.0) -> Row:
     """The fit of the whole record on the same data, vibration in the noise of its model."""
-    runs = len(found.relative)
-    error, std = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (found.relative, found.std))
+    runs = len(result.relative)
+    error, std = (np.sqrt(np.mean(np.square(item), axis=0)) for item in (result.relative, result.std))
     limit = np.sqrt(scipy.special.chdtri(runs, 1.0 - NEES_REGION) / runs) * std
     return Row(
         by="us",
@@ -459,11 +459,11 @@ def _replay_row(found: Replayed, amplitude: float, width: float = 0.0) -> Row:
     )
 
 
-def _nees_row(found: Mapping[float, Replayed], without: Replayed | None) -> Row:
+def _nees_row(results: Mapping[float, Replayed], without: Replayed | None) -> Row:
     """Consistency of the fits over all amplitudes; in full beside those whose noise does not grow, at the largest."""
-    dof = sum(each.relative.size for each in found.values())
+    dof = sum(item.relative.size for item in results.values())
     beside = f"; noise that does not grow, largest A: {without.nees / without.relative.size:.2f}" if without else ""
-    nees = sum(each.nees for each in found.values())
+    nees = sum(item.nees for item in results.values())
     low, high = (float(scipy.special.chdtri(dof, 0.5 + side * 0.5 * NEES_REGION)) for side in (1.0, -1.0))
     return Row(
         by="us",
@@ -535,9 +535,9 @@ def _band_rows(plan: Plan, cells: Mapping[tuple[str, float], Cell], runs: int) -
     """The band of II-F in place of the line, at the largest amplitude."""
     A = AMPLITUDES[-1]
     filters = {name: TABLE_FILTERS[name] for name in ("ACI", "CWPA")}
-    found = table_row(plan, A, runs, width=BAND, filters=filters)
+    result = table_row(plan, A, runs, width=BAND, filters=filters)
     rows = []
-    for name, cell in found.items():
+    for name, cell in result.items():
         line, still = cells[name, A], cells[name, 0.0]
         rows.append(
             Row(

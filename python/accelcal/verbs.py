@@ -621,7 +621,7 @@ def explained_by(effect: Effect, model: Model, names: Sequence[str], solve: Call
     if not processes:
         return []
     without = model.drop(*(process.name for process in processes))
-    left = scan(solve(without).states, without, only=(effect, *processes)).found
+    left = scan(solve(without).states, without, only=(effect, *processes)).detected
     true = {process.effect for process in left if effect.name not in process.members}
     return [process.name for process in processes if process.name not in true]
 
@@ -788,7 +788,7 @@ def improve(
     steps, disturbed = uncontradicted_steps(selection, begin, test, *span, clean=unseen is None)
     reason = selection.history.full(most) or "no fit with it is possible"
     if apart is not None and unseen is not None:
-        if not selection.current.verdict.scan.found:
+        if not selection.current.verdict.scan.detected:
             reason = "the run that is held out takes no part in what is added"
         selection.judge_with(unseen.source if stretch.chosen else unseen.part)
     verdict = selection.final_verdict(reason)

@@ -15,7 +15,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 def write(path, seed, seconds=20.0, vibration=None, **more):
     """Write a simulated run with its sidecar."""
-    made = ac.simulate(
+    recording = ac.simulate(
         "interleaved",
         seconds=seconds,
         rig=CXL02_RIG,
@@ -23,7 +23,7 @@ def write(path, seed, seconds=20.0, vibration=None, **more):
         rng=np.random.default_rng(seed),
         vibration=vibration,
     ).recording
-    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    io.write_sidecar(recording.rig, io.write_csv(recording, path), io.sidecar_of(path))
     return path
 
 
@@ -84,9 +84,9 @@ def files(tmp_path_factory):
     write(folder / "long.csv", 24, seconds=200.0, cubic=1e-3)
     (folder / "bad.csv").write_text("t_s,accel_g,position_mm\n0.0,0.1,0.0\n0.1,x,1.0\n0.2,0.1,1.0\n")
     (folder / "binary.csv").write_bytes(bytes(range(256)) * 10)
-    made = io.load(folder / "other.csv")
-    t, y = made.position.t, made.position.y
-    u = np.interp(t, made.accel.t, made.accel.y)
+    recording = io.load(folder / "other.csv")
+    t, y = recording.position.t, recording.position.y
+    u = np.interp(t, recording.accel.t, recording.accel.y)
     rows = "\n".join(f"{a:.6f},{b:.8g},{c:.9g}" for a, b, c in zip(t, u, 1e3 * y, strict=True))
     (folder / "odd.csv").write_text(f"stamp,sensor,scale\n{rows}\n")
     return folder

@@ -20,9 +20,9 @@ HIGHEST = {"Data": 2200, "Improve": 5200, "Residuals": 7000, "Model": 1600, "Exp
 @pytest.fixture(scope="module")
 def user(browser: Any, server: Any) -> Any:  # noqa: F811
     """A user at a wide window, with a dark theme at first."""
-    made = arrives(browser, f"http://{HOST}:{server[0]}", "axe-1920", 1920, "dark")
-    yield made
-    made.page.context.close()
+    page = arrives(browser, f"http://{HOST}:{server[0]}", "axe-1920", 1920, "dark")
+    yield page
+    page.page.context.close()
 
 
 def both_themes(user: User, screen: str, figures: int) -> None:

@@ -36,14 +36,14 @@ def bench(tmp_path):
 @pytest.fixture(scope="module")
 def grown(files, tmp_path_factory):
     """Return a workbench on the hidden cubic, with base and + cubic; tests must leave it as it is."""
-    made = Workbench(tmp_path_factory.mktemp("grown"))
-    made.load(files / "cubic.csv")
-    made.fit()
-    made.diagnose()
-    made.add("cubic")
-    made.diagnose()
-    assert made.sentence == ""
-    return made
+    bench = Workbench(tmp_path_factory.mktemp("grown"))
+    bench.load(files / "cubic.csv")
+    bench.fit()
+    bench.diagnose()
+    bench.add("cubic")
+    bench.diagnose()
+    assert bench.sentence == ""
+    return bench
 
 
 def test_numbers_are_those_of_the_library(grown, files):
@@ -53,9 +53,9 @@ def test_numbers_are_those_of_the_library(grown, files):
     base = estimate(ac.Model.linear(), train)
     cubic = verbs.add(base, train, "cubic")
     compared = ac.compare([base, cubic], unseen)
-    for step, fit, seen in zip(grown.state.path, (base, cubic), compared, strict=True):
+    for step, fit, evaluation in zip(grown.state.path, (base, cubic), compared, strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
-        assert step.heldout.to_json() == seen.to_json()
+        assert step.heldout.to_json() == evaluation.to_json()
     assert b - a == pytest.approx(verbs.HELD_OUT * 20.0, abs=0.01)  # rounded to a millisecond, ends of the channels
 
 
@@ -105,8 +105,8 @@ def test_a_reversed_sensor_is_said_on_loading_and_declared_in_the_form(bench, fi
     )
     io.sidecar_of(path).write_text(wrong, encoding="utf-8")
     bench.load(path)
-    (said,) = bench.state.run.summary["suspect"]
-    assert f'mount = "{recording.rig.mount}"' in said
+    (message,) = bench.state.run.summary["suspect"]
+    assert f'mount = "{recording.rig.mount}"' in message
     bench.declare(right)
     assert bench.state.run.summary["suspect"] == []
 
@@ -141,16 +141,16 @@ def test_what_a_sidecar_is_for_depends_on_what_has_been_loaded_meanwhile(tmp_pat
 
 
 def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown):
-    found = grown.diagnoses[(grown.state.path[0].key, 0)]
-    best, other = found.scan.candidates[:2]
+    result = grown.diagnoses[(grown.state.path[0].key, 0)]
+    best, other = result.scan.candidates[:2]
 
     def judged(verdict, *members):
         pair = [
             replace(c, gain=gain, log_evidence=0.5 * gain, weights=dict.fromkeys(members or (c.effect,), Weights()))
             for c, gain in ((best, 900.0), (other, 700.0))
         ]
-        scan = replace(found.scan, candidates=tuple(pair), found=found.scan.found[-1:])
-        return replace(found, verdict=verdict, scan=scan)
+        scan = replace(result.scan, candidates=tuple(pair), detected=result.scan.detected[-1:])
+        return replace(result, verdict=verdict, scan=scan)
 
     named, tied = judged("named"), judged("tied", best.effect, other.effect)
     assert improvement.badge(named) == ("An effect is missing", "found")
@@ -254,7 +254,7 @@ def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     bench.state = grown.state
     bench.include([files / "other.csv"])
     assert [step.fit for step in bench.state.steps] == [step.fit for step in grown.state.steps]
-    assert [seen.recording for seen in bench.state.step.heldouts] == ["cubic.csv", "other.csv"]
+    assert [heldout.recording for heldout in bench.state.step.heldouts] == ["cubic.csv", "other.csv"]
     bench.fit_whole()
     bench.fit()
     assert bench.state.step.heldout.recording == "other.csv"
@@ -308,8 +308,8 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
     done = accelcal("check", name, cwd=upload_folder)
     assert done.returncode == 3
     bench.load(path)
-    said = bench.state.run.problem if bench.state.run else bench.sentence
-    assert said == done.stderr.strip().removeprefix("accelcal: ")
+    message = bench.state.run.problem if bench.state.run else bench.sentence
+    assert message == done.stderr.strip().removeprefix("accelcal: ")
     assert bench.state.recording is None
 
 
@@ -392,13 +392,13 @@ def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
 
 def test_work_ends_when_it_is_cancelled(bench, files):
     bench.load(files / "cubic.csv")
-    seen = []
+    shares = []
 
     def work(state, progress):
         fit = estimate(ac.Model.linear(), state.train[0])
 
         def reported(share):
-            seen.append(share)
+            shares.append(share)
             if share > 0.3:
                 bench.cancel()
             progress(share)
@@ -406,21 +406,21 @@ def test_work_ends_when_it_is_cancelled(bench, files):
         return verbs.diagnose(fit, state.train, progress=reported)
 
     bench._perform("diagnosing", work)
-    assert max(seen) < 0.6  # it ended at the next report, long before the end
+    assert max(shares) < 0.6  # it ended at the next report, long before the end
 
 
 def test_workbenches_do_not_touch_each_other(files, tmp_path):
     (tmp_path / "one").mkdir()
     (tmp_path / "two").mkdir()
-    one, two = Workbench(tmp_path / "one"), Workbench(tmp_path / "two")
-    one.load(files / "cubic.csv")
+    first, two = Workbench(tmp_path / "one"), Workbench(tmp_path / "two")
+    first.load(files / "cubic.csv")
     two.load(files / "null.csv")
-    one.fit()
+    first.fit()
     assert two.state.steps == ()
     two.fit()
     two.undo()
-    assert one.state.step is not None
-    assert one.state.recording.name == "cubic.csv"
+    assert first.state.step is not None
+    assert first.state.recording.name == "cubic.csv"
 
 
 def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_path):
@@ -457,8 +457,8 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
     assert bench.sentence == ""
     for name in ("cubic.csv", "cubic.toml"):
         (tmp_path / name).write_bytes((files / name).read_bytes())
-    for own in bench.state.own:
-        (tmp_path / f"{own.effect.name}.py").write_text(own.file, encoding="utf-8")
+    for entry in bench.state.own:
+        (tmp_path / f"{entry.effect.name}.py").write_text(entry.file, encoding="utf-8")
     commands = script.command_line(bench.state).splitlines()
     assert [line.count("--effects-file") for line in commands] == [0, 0, 0, 0, 2, 2, 2, 2, 2]
     for line in commands:
@@ -485,11 +485,11 @@ def test_model_and_report_are_downloaded(grown, tmp_path):
 
 
 def test_exports_are_those_of_the_library(grown):
-    made = calibrate(grown.state.step.fit)
-    assert grown.export("C").read_text() == header(made, "sensor.h")
-    assert grown.export("Rust").read_text() == module(made)
-    assert grown.export("JSON").read_text() == model_file.dumps(results_json.content(made))
-    assert grown.export("DCC").read_text() == draft(made, Laboratory()).text
+    calibration = calibrate(grown.state.step.fit)
+    assert grown.export("C").read_text() == header(calibration, "sensor.h")
+    assert grown.export("Rust").read_text() == module(calibration)
+    assert grown.export("JSON").read_text() == model_file.dumps(results_json.content(calibration))
+    assert grown.export("DCC").read_text() == draft(calibration, Laboratory()).text
 
 
 def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
@@ -613,8 +613,8 @@ def test_junk_at_the_start_is_one_fault_with_one_click(bench, tmp_path, jump, sh
     for fault in run.marks.remarks:
         assert "accelcal cut" not in widgets.remark_text(fault)
         assert "accelcal cut" not in fault.sentence or "accelcal cut run.csv --without" in fault.sentence
-    said = [finding["text"] for finding in run.summary["findings"]]
-    assert any("probably saturated" in text for text in said) == shaken
+    messages = [finding["text"] for finding in run.summary["findings"]]
+    assert any("probably saturated" in text for text in messages) == shaken
     bench.exclude(begin, end)
     assert bench.sentence == ""
     assert bench.state.run.marks.remarks == ()

@@ -231,8 +231,8 @@ def test_a_click_on_a_tab_loses_no_upload(tab, files):
         drop(tab, files / "cubic.csv", files / "cubic.toml")
     tab.get_by_role("tab", name="Model").click()
     require_screen(tab, "Model")
-    for one in on_their_way:
-        one.continue_()
+    for request in on_their_way:
+        request.continue_()
     tab.locator(".file", has_text="cubic.csv").wait_for(timeout=LONG)
 
 

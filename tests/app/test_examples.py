@@ -19,7 +19,7 @@ def test_the_hidden_effect_is_found_and_the_error_falls(name: str, tmp_path: Pat
     bench.fit("linear")
     bench.diagnose()
     assert bench.diagnosis is not None
-    assert [found.effect for found in bench.diagnosis.scan.found][:1] == [hidden.effect]
+    assert [result.effect for result in bench.diagnosis.scan.detected][:1] == [hidden.effect]
     bench.add(hidden.effect)
     before, after = (step.heldout.coast_rms[1.0] for step in bench.state.path)
     assert before is not None

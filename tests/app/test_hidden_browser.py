@@ -78,7 +78,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     informed = verbs.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
     for _ in range(verbs.MOST_EFFECTS):
-        missing = verbs.diagnose(model, train).scan.found
+        missing = verbs.diagnose(model, train).scan.detected
         if not missing:
             break
         tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
@@ -86,16 +86,16 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
         fits.append(model)
         shows(tab, verbs.compare(fits, unseen).errors[-1])
     tab.get_by_text("Detection limits: no missing effect is larger than").wait_for(timeout=LONG)
-    found, oracle, more = (
+    result, oracle, more = (
         coasting(verbs.compare(model, unseen)[0]),
         coasting(verbs.compare(informed, unseen)[0]),
         allowed(model, unseen),
     )
-    assert found["one_step"] < base["one_step"]
+    assert result["one_step"] < base["one_step"]
     if base[horizon] >= 2.5 * oracle[horizon]:  # unaided, a model that knows sgn v may drift more than others
-        assert base[horizon] >= 2.0 * found[horizon]
+        assert base[horizon] >= 2.0 * result[horizon]
     for key in ("one_step", horizon):
-        assert found[key] <= 1.05 * np.hypot(oracle[key], more[key])
+        assert result[key] <= 1.05 * np.hypot(oracle[key], more[key])
     tab.get_by_role("tab", name="Export").click()
     with tab.expect_download(timeout=LONG) as report:
         tab.get_by_role("button", name="Report (.html)").click()

@@ -53,9 +53,9 @@ class Device:
 
 @pytest.fixture
 def user(browser: Any, server: Any) -> Iterator[Any]:  # noqa: F811
-    made = arrives(browser, f"http://{HOST}:{server[0]}", "live", 1280, "light")
-    yield made
-    made.page.context.close()
+    page = arrives(browser, f"http://{HOST}:{server[0]}", "live", 1280, "light")
+    yield page
+    page.page.context.close()
 
 
 def test_a_measurement_is_followed_recorded_and_opened(user: Any, tmp_path: Path) -> None:

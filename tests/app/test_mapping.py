@@ -44,8 +44,8 @@ def test_a_part_of_a_quaternion_or_no_direction_is_refused() -> None:
         mapping.sidecar_from("", chosen(), "0, up", "sensor to ENU")
     with pytest.raises(ac.RecordingError, match="say what the quaternion maps: sensor to ENU, or ENU to sensor"):
         mapping.sidecar_from("", chosen(), "x")
-    made = mapping.sidecar_from("", chosen(), "0, 0.6, 0.8", "sensor to ENU")
-    assert "input_axis = [0.0, 0.6, 0.8]" in made
+    sidecar = mapping.sidecar_from("", chosen(), "0, 0.6, 0.8", "sensor to ENU")
+    assert "input_axis = [0.0, 0.6, 0.8]" in sidecar
 
 
 def test_an_angle_takes_the_place_of_a_position_and_asks_for_its_arm() -> None:
@@ -69,12 +69,12 @@ def german(tmp_path: Path, columns: tuple[str, ...] = GERMAN) -> str:
 
 def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path) -> None:
     template = german(tmp_path)
-    found = mapping.choices(GERMAN, template, template)
-    assert [(c.channel, c.unit) for c in found] == [("time", "s"), ("accel", "V"), ("position", "mm")]
-    assert mapping.unknown(found, template) == ["the scale of the sensor"]
-    text = mapping.sidecar_from(template, found, changes={"sensor.scale": "1.2 V/g", "sensor.zero": "2.5 V"})
+    result = mapping.choices(GERMAN, template, template)
+    assert [(c.channel, c.unit) for c in result] == [("time", "s"), ("accel", "V"), ("position", "mm")]
+    assert mapping.unknown(result, template) == ["the scale of the sensor"]
+    text = mapping.sidecar_from(template, result, changes={"sensor.scale": "1.2 V/g", "sensor.zero": "2.5 V"})
     assert [mapping.declared(text, f"sensor.{key}") for key in ("scale", "zero", "noise")] == ["1.2 V/g", "2.5 V", ""]
-    assert mapping.unknown(found, text) == []
+    assert mapping.unknown(result, text) == []
     path = tmp_path / "messung.csv"
     path.with_suffix(".toml").write_text(text, encoding="utf-8")
     np.testing.assert_allclose(io.load(path).accel.y, 0.0, atol=1e-9)
@@ -95,9 +95,9 @@ def test_a_position_in_counts_asks_for_its_scale(tmp_path: Path) -> None:
 def test_two_columns_of_one_kind_and_what_was_declared_are_left_to_the_user(tmp_path: Path) -> None:
     columns = (*GERMAN, "Hub [mm]")
     template = german(tmp_path, columns)
-    found = mapping.choices(columns, template, template)
-    assert [c.channel for c in found[:2]] == ["time", "accel"]
-    assert mapping.unknown(found, template) == ["the column of position", "the scale of the sensor"]
+    result = mapping.choices(columns, template, template)
+    assert [c.channel for c in result[:2]] == ["time", "accel"]
+    assert mapping.unknown(result, template) == ["the column of position", "the scale of the sensor"]
     declared = 'channels = { accel = { column = "Ausgang [V]", unit = "V" } }'
     assert "position" not in [c.channel for c in mapping.choices(GERMAN, declared, template)]
 
@@ -144,14 +144,14 @@ def test_what_the_form_declares_of_filter_encoder_and_axis_reaches_the_recording
     rig_read = read(other).rig
     assert (rig_read.axis, rig_read.resolution, rig_read.lowpass) == ("level", None, None)
     assert [(f.kind, f.cutoff, f.order) for f in rig_read.output_filters] == [("bessel", 300.0, 4)]
-    gone = mapping.sidecar_from(other, columns_chosen, changes=mapping.LowPassEntry().changed(other))
-    assert read(gone).rig.output_filters == ()
+    cleared = mapping.sidecar_from(other, columns_chosen, changes=mapping.LowPassEntry().changed(other))
+    assert read(cleared).rig.output_filters == ()
     assert "no column has this role" in refusal(template, columns_chosen[:2], {mapping.RESOLUTION: "0.1 um"})
 
 
-def refusal(text: str, found: list[Choice], changes: dict[str, str]) -> str:
+def refusal(text: str, results: list[Choice], changes: dict[str, str]) -> str:
     with pytest.raises(ac.RecordingError) as refused:
-        mapping.sidecar_from(text, found, changes=changes)
+        mapping.sidecar_from(text, results, changes=changes)
     return str(refused.value)
 
 

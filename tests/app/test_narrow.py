@@ -42,10 +42,10 @@ def test_panels_stand_one_under_the_other_in_their_order_with_their_titles() -> 
 
 def test_the_figure_of_a_wide_window_is_left_as_it_was() -> None:
     before = grid(2)
-    kept = json.dumps(before.figure)
+    remaining = json.dumps(before.figure)
     narrowed(before)
     roomy(before)
-    assert json.dumps(before.figure) == kept
+    assert json.dumps(before.figure) == remaining
 
 
 def test_every_row_of_the_legend_has_room() -> None:

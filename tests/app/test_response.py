@@ -36,15 +36,15 @@ def shaken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = ac.Rig(sensor=ac.Sensor(model="x", range=50.0, noise=1e-3))
     truth = {"scale_factor": 0.01, "quadratic": 1e-3, "time_offset": 1e-4}
     rng = np.random.default_rng(3)
-    made = ac.simulate(
+    recording = ac.simulate(
         motion, seconds=motion.seconds, rig=rig, parameters=truth, rng=rng, position_noise=1e-8
     ).recording
-    return written(made, tmp_path_factory.mktemp("shaken") / "shaker.csv")
+    return written(recording, tmp_path_factory.mktemp("shaken") / "shaker.csv")
 
 
-def written(made: ac.Recording, path: Path) -> Path:
+def written(recording: ac.Recording, path: Path) -> Path:
     """A recording as a file with its sidecar."""
-    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    io.write_sidecar(recording.rig, io.write_csv(recording, path), io.sidecar_of(path))
     return path
 
 
@@ -53,11 +53,11 @@ def test_it_is_computed_once_and_undone(shaken: Path, tmp_path: Path) -> None:
     bench.load(shaken)
     assert bench.response is None
     bench.respond()
-    found = bench.response
-    assert found is not None, bench.sentence
-    assert found.points == frequency_response(ac.load(shaken)).points
+    response = bench.response
+    assert response is not None, bench.sentence
+    assert response.points == frequency_response(ac.load(shaken)).points
     bench.respond()
-    assert bench.response is found
+    assert bench.response is response
     bench.exclude(0.0, 3.2)
     assert bench.response is None  # that was of other data
     bench.respond()
@@ -65,14 +65,16 @@ def test_it_is_computed_once_and_undone(shaken: Path, tmp_path: Path) -> None:
     assert [round(p.frequency) for p in bench.response.points] == [15, 30, 60]
     bench.undo()
     bench.undo()
-    assert bench.response is found
+    assert bench.response is response
     bench.undo()
     assert bench.response is None
 
 
 def test_what_has_none_is_said_in_the_sentence_of_the_command_line(tmp_path: Path) -> None:
-    made = ac.simulate("rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1)).recording
-    path = written(made, tmp_path / "rest.csv")
+    recording = ac.simulate(
+        "rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1)
+    ).recording
+    path = written(recording, tmp_path / "rest.csv")
     bench = Workbench(tmp_path / "bench")
     bench.load(path)
     bench.respond()
@@ -98,8 +100,8 @@ def test_script_and_commands_repeat_it(shaken: Path, tmp_path: Path, monkeypatch
     for line in script.command_line(bench.state).splitlines():
         words = shlex.split(line)
         if words[1] in ("cut", "response") and "train.csv" not in words and "unseen.csv" not in words:
-            found = runner.invoke(command_line, words[1:])
-            assert found.exit_code == 0, found.output
+            result = runner.invoke(command_line, words[1:])
+            assert result.exit_code == 0, result.output
     with (tmp_path / "shaker_response.csv").open() as text:
         written = [float(row["magnitude"]) for row in csv.DictReader(text)]
     np.testing.assert_allclose(written, [p.magnitude for p in bench.response.points], rtol=1e-6)

@@ -65,9 +65,9 @@ def test_roles_are_proposed_changed_and_undone(several, tmp_path):
     bench.redo()
     assert bench.state is changed
     refused = {(3, "hold out"): "show no motion", (0, "leave out"): "no recording would be left to fit"}
-    for (number, role), said in refused.items():
+    for (number, role), message in refused.items():
         bench.assign(number, role)
-        assert said in bench.sentence
+        assert message in bench.sentence
         assert bench.state is changed
     bench.show(2)
     bench.hold_out(1.0, 2.0)
@@ -115,20 +115,20 @@ def with_answers(state, folder, answers):
 
 
 def test_a_diagnosis_outlives_values_that_cannot_be_had_and_is_not_that_of_the_first(grown, tmp_path):
-    found = object()
-    answers = {tasks.diagnosed: found, tasks.values_of_runs: ValueError("too short alone"), tasks.reported: "<html>"}
+    result = object()
+    answers = {tasks.diagnosed: result, tasks.values_of_runs: ValueError("too short alone"), tasks.reported: "<html>"}
     state = replace(
         grown.state, runs=(grown.state.runs[0], replace(grown.state.runs[1], role="fit"), *grown.state.runs[2:])
     )
     bench, recorder = with_answers(state, tmp_path, answers)
     bench.diagnose()
     assert [task for task, _ in recorder.asked] == [tasks.diagnosed, tasks.values_of_runs]
-    assert bench.diagnosis is found
+    assert bench.diagnosis is result
     assert bench.run_values is None
     assert bench.sentence == ""
     assert bench.report() is not None
-    *_, known = recorder.asked[-1][1]
-    assert known is None
+    *_, effects = recorder.asked[-1][1]
+    assert effects is None
 
 
 def test_curves_are_those_of_the_data_in_use(grown, tmp_path):
@@ -152,8 +152,8 @@ def test_sentences_say_what_is_held_out(grown):
     assert improvement.held_out(replace(state, runs=parts)) == "2 held-out parts together"
     assert improvement.held_out(replace(state, runs=parts[:1])) == "the held-out part of this run"
     score = NoiseScore("vibration", "accel", 3.0, 1.0, 100, 1.0, 1.5)
-    seen = tuple(replace(one, noise_scores=(score,)) for one in state.step.heldouts)
-    scored = replace(state, steps=(*state.steps[:-1], replace(state.step, heldouts=seen)))
+    heldouts = tuple(replace(heldout, noise_scores=(score,)) for heldout in state.step.heldouts)
+    scored = replace(state, steps=(*state.steps[:-1], replace(state.step, heldouts=heldouts)))
     assert [text.partition(",")[0] for text in improvement.noise_scores(scored)] == [
         "Held out (run1.csv)",
         "Held out (run2.csv)",
@@ -172,14 +172,14 @@ def test_the_report_command_is_of_a_recording_though_dwells_come_first(grown):
 def test_the_pool_is_the_error_over_all_start_points(grown):
     for step in grown.state.path:
         for horizon, value in step.heldout.coast_rms.items():
-            errors = np.concatenate([seen.drifts[horizon][1] for seen in step.heldouts])
+            errors = np.concatenate([heldout.drifts[horizon][1] for heldout in step.heldouts])
             expected = float(np.sqrt(np.mean(errors**2))) if len(errors) else None
             assert value == (None if expected is None else pytest.approx(expected, rel=1e-12))
         assert step.heldout.coast_rms[5.0] is not None
-        floors = [seen.noise_floor.simulated for seen in step.heldouts]
+        floors = [heldout.noise_floor.simulated for heldout in step.heldouts]
         floor = step.heldout.noise_floor.simulated
-        assert min(one.value for one in floors) <= floor.value <= max(one.value for one in floors)
-        assert floor.high - floor.low < max(one.high - one.low for one in floors)  # more data, surer
+        assert min(other.value for other in floors) <= floor.value <= max(other.value for other in floors)
+        assert floor.high - floor.low < max(other.high - other.low for other in floors)  # more data, surer
     nested = widgets.path_of(grown.state)
     assert nested.errors[1] < 0.1 * nested.errors[0]
     assert pooled([grown.state.step.heldouts[0]]) is grown.state.step.heldouts[0]
@@ -190,8 +190,8 @@ def test_the_script_and_the_commands_of_several_give_the_same_numbers(grown, sev
         shutil.copy(path, tmp_path)
     done = python("-c", script.python(grown.state), cwd=tmp_path, check=True)
     for step in grown.state.path:
-        for seen in step.heldouts:
-            assert str(seen.coast_rms) in done.stdout
+        for heldout in step.heldouts:
+            assert str(heldout.coast_rms) in done.stdout
     assert "nothing else is missing" in done.stdout
     assert model_file.to_dict(model_file.load(tmp_path / "model.json")) == model_file.to_dict(grown.state.step.fit)
     lines = script.command_line(grown.state).splitlines()
@@ -203,8 +203,8 @@ def test_the_script_and_the_commands_of_several_give_the_same_numbers(grown, sev
             if words[1] in ("fit", "add"):
                 ran = CliRunner().invoke(command_line, words[1:])
                 assert ran.exit_code == 0, (line, ran.output)
-    made = model_file.load(tmp_path / "m1.json")
-    assert made["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
+    recording = model_file.load(tmp_path / "m1.json")
+    assert recording["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
 
 
 def test_a_session_of_several_comes_back(grown, tmp_path):
@@ -239,9 +239,9 @@ def test_models_of_elsewhere_stand_beside(grown, several, tmp_path):
     base, cubic, *_ = bench.state.models
     fits = bench.state.models
     alike = model.differences(fits[cubic], fits["sensor.json"])
-    assert {one.sigma for one in alike} == {0.0}
-    assert [one.name for one in alike] == ["bias", "scale_factor", "time_offset", "tilt", "cubic"]
-    (lacking,) = [one for one in model.differences(fits[base], fits[cubic]) if one.value is None]
+    assert {difference.sigma for difference in alike} == {0.0}
+    assert [difference.name for difference in alike] == ["bias", "scale_factor", "time_offset", "tilt", "cubic"]
+    (lacking,) = [difference for difference in model.differences(fits[base], fits[cubic]) if difference.value is None]
     assert (lacking.name, lacking.first) == ("cubic", None)
     assert bench.pair((base, cubic)) is None
     bench.compare_pair((base, cubic))
@@ -283,14 +283,14 @@ def test_columns_that_are_alike_are_mapped_once(files, tmp_path):
     ]
     bench.declare(mapping.sidecar_from(mapping.text_of(run.file, run.sidecar, run.template), chosen))
     assert bench.sentence == ""
-    assert [one.problem for one in bench.state.runs] == ["", ""]
+    assert [entry.problem for entry in bench.state.runs] == ["", ""]
     assert roles(bench) == [("fit", True), ("fit", False)]
     mapped = bench.state
     third = tmp_path / "three.csv"
     third.write_text((files / "odd.csv").read_text().rsplit("\n", 3)[0] + "\n")
     bench.include([third])  # read as the others, and held out in the place of a part
     assert bench.sentence == ""
-    assert [one.problem for one in bench.state.runs] == ["", "", ""]
+    assert [entry.problem for entry in bench.state.runs] == ["", "", ""]
     assert bench.state.runs[2].lender in ("one.csv", "two.csv")
     assert roles(bench) == [("fit", False), ("fit", False), ("hold out", False)]
     bench.undo()
@@ -314,7 +314,7 @@ def test_sidecars_find_their_files(tmp_path):
 
 def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
     # p is multiplied by the number of parameters; the alarm rate at 1e-3 is that of one pair of recordings.
-    def made(seed, scale):
+    def record(seed, scale):
         rng = np.random.default_rng(seed)
         truth = {"bias": 0.05, "scale_factor": scale}
         return ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
@@ -322,11 +322,11 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
     from accelcal.verbs import run_values
 
     for scale, agree in ((0.01, True), (0.012, False)):
-        pair = [made(1, 0.01), made(2, scale)]
-        found = run_values(ac.fit(pair), pair)
-        at = found.parameters.index("scale_factor")
-        assert (found.p_values[at] > 1e-3) == agree
-        assert np.abs(found.value[1, at] - scale) < 5.0 * found.std[1, at]
+        pair = [record(1, 0.01), record(2, scale)]
+        result = run_values(ac.fit(pair), pair)
+        at = result.parameters.index("scale_factor")
+        assert (result.p_values[at] > 1e-3) == agree
+        assert np.abs(result.value[1, at] - scale) < 5.0 * result.std[1, at]
     with pytest.raises(ValueError, match="two recordings or more"):
         run_values(ac.fit(pair[:1]), pair[:1])
 

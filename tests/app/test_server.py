@@ -19,8 +19,8 @@ pytest.importorskip("nicegui")
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """Run the workbench as a user would; return its port and process."""
-    with served(tmp_path_factory) as found:
-        yield found
+    with served(tmp_path_factory) as result:
+        yield result
 
 
 @contextmanager
@@ -58,11 +58,11 @@ def asked(port, path="/", host=None):
 
 def test_only_loopback_listens(server):
     port, _ = server
-    found = []
+    results = []
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         rows = [line.split() for line in Path(table).read_text().splitlines()[1:]]
-        found += [row[1] for row in rows if row[3] == "0A" and int(row[1].rpartition(":")[2], 16) == port]
-    assert found == [f"0100007F:{port:04X}"]  # 127.0.0.1, as the kernel writes it; 0.0.0.0 would be 00000000
+        results += [row[1] for row in rows if row[3] == "0A" and int(row[1].rpartition(":")[2], 16) == port]
+    assert results == [f"0100007F:{port:04X}"]  # 127.0.0.1, as the kernel writes it; 0.0.0.0 would be 00000000
 
 
 def test_an_unknown_session_has_expired(server):

@@ -228,7 +228,7 @@ def find_what_an_example_hides(user: User, cubic: Path, volts: Path) -> None:
 
 def focused(user: User) -> str:
     """Name of what has the focus, which shows a ring."""
-    found: tuple[str, bool] = user.page.evaluate(
+    evaluation: tuple[str, bool] = user.page.evaluate(
         """() => {
             const e = document.activeElement, ring = getComputedStyle(e);
             const outline = ring.outlineStyle !== "none" && parseFloat(ring.outlineWidth) >= 2;
@@ -236,7 +236,7 @@ def focused(user: User) -> str:
                     outline || ring.boxShadow.includes(" 3px")];
         }"""
     )
-    name, ring = found
+    name, ring = evaluation
     inside = user.page.evaluate("() => ['INPUT', 'TEXTAREA', 'BODY'].includes(document.activeElement.tagName)")
     content = user.page.evaluate("() => document.activeElement.classList.contains('body')")
     assert inside or content or ring, f"{name!r} has the focus and shows no ring"
@@ -285,8 +285,8 @@ def port(request, tmp_path_factory):
     if request.param == 0:
         yield request.getfixturevalue("server")[0]
         return
-    with served(tmp_path_factory) as (own, _):
-        yield own
+    with served(tmp_path_factory) as (serving, _):
+        yield serving
 
 
 @pytest.mark.parametrize(("port", "task", "width", "scheme"), COMBINATIONS, indirect=["port"])
@@ -301,4 +301,4 @@ def test_a_user_can(browser, port, cubic, volts, task, width, scheme):
 
 def test_every_window_has_its_turn():
     assert len(TASKS) == 10
-    assert {tuple(each.values[2:]) for each in COMBINATIONS} == set(LOOKS)
+    assert {tuple(item.values[2:]) for item in COMBINATIONS} == set(LOOKS)

@@ -29,10 +29,10 @@ SEEN = (
 )
 
 
-def seen(page: Any) -> dict[str, Any]:
+def drawn_axes(page: Any) -> dict[str, Any]:
     """What a figure shows."""
-    found: dict[str, Any] = page.evaluate(SEEN)
-    return found
+    evaluation: dict[str, Any] = page.evaluate(SEEN)
+    return evaluation
 
 
 def wait_for_width(page: Any, low: float, high: float) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def wait_for_width(page: Any, low: float, high: float) -> dict[str, Any]:
         f"const width = found.axes[0][1] - found.axes[0][0]; return width >= {low} && width <= {high}; }}",
         timeout=LONG,
     )
-    return seen(page)
+    return drawn_axes(page)
 
 
 @pytest.fixture

@@ -102,13 +102,13 @@ class User:
             "() => [...document.querySelectorAll('figure')].filter(f => !f.innerText.trim()).length"
         )
         assert unnamed == 0, f"{screen}: {unnamed} figures without a text"
-        found = self.findings()
-        assert not found, f"{screen}: {found}"
+        result = self.findings()
+        assert not result, f"{screen}: {result}"
 
     def findings(self) -> list[str]:
         """Serious and critical findings of axe on the page as it is."""
-        found = Axe().run(self.page).response["violations"]
-        return [f"{v['id']}: {v['nodes'][0]['html'][:200]}" for v in found if v["impact"] in GRAVE]
+        result = Axe().run(self.page).response["violations"]
+        return [f"{v['id']}: {v['nodes'][0]['html'][:200]}" for v in result if v["impact"] in GRAVE]
 
 
 def area_for_files(page: Any) -> Any:

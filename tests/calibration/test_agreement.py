@@ -22,12 +22,12 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 
 
 def measured(seed):
-    made = ac.simulate(
+    recording = ac.simulate(
         "interleaved", seconds=12.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
     ).recording
     labels = RunLabels(20760.0 + seed, "holder 1", "A. Meier")
-    made = replace(made, name=f"run{seed}.csv", digest=f"{seed:064x}", labels=labels)
-    return estimate(ac.Model.linear().add("cubic"), made)
+    recording = replace(recording, name=f"run{seed}.csv", digest=f"{seed:064x}", labels=labels)
+    return estimate(ac.Model.linear().add("cubic"), recording)
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +50,11 @@ def drawn(fit, rng):
 
 def test_en_is_the_difference_over_the_joint_expanded_uncertainty(fits):
     first, second = fits
-    rows = {one.name: one for one in agreement(first, second).parameters}
-    for name, one in rows.items():
+    rows = {parameter.name: parameter for parameter in agreement(first, second).parameters}
+    for name, parameter in rows.items():
         a, b = first[name], second[name]
-        assert one.difference == b.value - a.value
-        assert one.en == pytest.approx((b.value - a.value) / (2.0 * np.hypot(a.std, b.std)), rel=1e-12)
+        assert parameter.difference == b.value - a.value
+        assert parameter.en == pytest.approx((b.value - a.value) / (2.0 * np.hypot(a.std, b.std)), rel=1e-12)
 
 
 def test_declared_contributions_enter(fits):
@@ -62,7 +62,7 @@ def test_declared_contributions_enter(fits):
     declared = replace(first.rig, uncertainty=Uncertainty(encoder_scale=1e-2, level=1e-3, misalignment=1e-3))
     wide = agreement(replace(first, rig=declared), second)
     narrow = agreement(first, second)
-    both = [{one.name: one.joint for one in found.parameters} for found in (wide, narrow)]
+    both = [{parameter.name: parameter.joint for parameter in result.parameters} for result in (wide, narrow)]
     assert both[0]["scale_factor"] == pytest.approx(2.0 * 1.0e-2, rel=0.05)
     assert both[1]["scale_factor"] < 1e-3
     assert np.all(wide.characteristic.expanded > narrow.characteristic.expanded)
@@ -72,33 +72,33 @@ def test_equal_calibrations_differ_as_often_as_stated_and_the_characteristic_sca
     fit, rng, n = fits[0], np.random.default_rng(3), 400
     beyond, counted, spread = 0, 0, []
     for _ in range(n):
-        found = agreement(drawn(fit, rng), drawn(fit, rng))
-        beyond += len(found.differing)
-        counted += len(found.compared)
-        spread.append(found.characteristic.difference[::20])
+        result = agreement(drawn(fit, rng), drawn(fit, rng))
+        beyond += len(result.differing)
+        counted += len(result.compared)
+        spread.append(result.characteristic.difference[::20])
     share = beyond / counted
     print(f"|En| > 1 in {beyond} of {counted}: {share:.3f}, stated {BEYOND_BY_CHANCE:.3f}")
     assert share == pytest.approx(BEYOND_BY_CHANCE, abs=0.03)  # 2.6 standard deviations if all were dependent
-    ratio = 2.0 * np.std(spread, axis=0) / found.characteristic.expanded[::20]
+    ratio = 2.0 * np.std(spread, axis=0) / result.characteristic.expanded[::20]
     assert np.all(np.abs(ratio - 1.0) < 0.15)  # 4 standard deviations of 400
 
 
 def test_a_calibration_agrees_with_itself_measured_again(fits):
     fit = fits[0]
-    found = agreement(fit, moved(fit))
-    assert found.verdict == "agree"
-    assert agreement_view(found)["sentence"].startswith("The two calibrations agree in all 3 common parameters")
-    assert found.shared == ()
+    result = agreement(fit, moved(fit))
+    assert result.verdict == "agree"
+    assert agreement_view(result)["sentence"].startswith("The two calibrations agree in all 3 common parameters")
+    assert result.shared == ()
 
 
 def test_a_changed_coefficient_is_named(fits):
     fit = fits[0]
     far = fit["cubic"].value + 10.0 * fit["cubic"].std
-    found = agreement(fit, moved(fit, cubic=far))
-    assert found.verdict == "differ"
-    assert [one.name for one in found.differing] == ["cubic"]
-    assert found.differing[0].en == pytest.approx(10.0 / (2.0 * np.sqrt(2.0)), rel=1e-9)
-    assert "differ in cubic (En 3.54)" in agreement_view(found)["sentence"]
+    result = agreement(fit, moved(fit, cubic=far))
+    assert result.verdict == "differ"
+    assert [parameter.name for parameter in result.differing] == ["cubic"]
+    assert result.differing[0].en == pytest.approx(10.0 / (2.0 * np.sqrt(2.0)), rel=1e-9)
+    assert "differ in cubic (En 3.54)" in agreement_view(result)["sentence"]
 
 
 def test_the_difference_of_characteristics_is_that_of_two_outputs(fits):
@@ -140,9 +140,9 @@ def test_what_changed_is_listed_and_what_did_not_is_not(fits):
 def test_ranges_that_do_not_overlap_are_not_compared(fits):
     fit = fits[0]
     away = replace(moved(fit), validity={**fit.validity, "a": (100.0, 120.0)})
-    found = agreement(fit, away)
-    assert found.characteristic is None
-    assert "do not overlap" in " ".join(agreement_view(found)["notes"])
+    result = agreement(fit, away)
+    assert result.characteristic is None
+    assert "do not overlap" in " ".join(agreement_view(result)["notes"])
 
 
 def test_labels_are_kept_by_a_model_file(fits, tmp_path):
@@ -152,12 +152,12 @@ def test_labels_are_kept_by_a_model_file(fits, tmp_path):
 
 
 def test_the_page_shows_the_numbers_and_loads_nothing(fits):
-    found = agreement(*fits, names=("<b>a.json</b>", "b.json"))
-    page = Page(agreement_html(found))
+    result = agreement(*fits, names=("<b>a.json</b>", "b.json"))
+    page = Page(agreement_html(result))
     assert page.outside() == []
     assert "<b>a.json</b>" in page.text
     assert page.count("script") == 0
-    view = agreement_view(found)
+    view = agreement_view(result)
     for row in view["parameters"]:
         assert row["difference"] in page.text
         assert row["en"] in page.text
@@ -167,8 +167,8 @@ def test_an_uncertainty_that_is_not_known_is_said_and_no_difference(fits):
     fit = fits[0]
     cubic = fit["cubic"]
     spread = Spread("cubic", cubic.symbol, cubic.unit, 1e-4, 0.0, np.inf, 0.01, (cubic.value,), np.inf, np.inf)
-    found = agreement(fit, replace(moved(fit, cubic=2.0 * cubic.value), spreads=(spread,)))
-    one = next(row for row in agreement_view(found)["parameters"] if row["name"] == "cubic")
-    assert one["second"].endswith("± not known")
-    assert one["en"] == "0.00"
-    assert "cubic" not in [each.name for each in found.differing]
+    result = agreement(fit, replace(moved(fit, cubic=2.0 * cubic.value), spreads=(spread,)))
+    first = next(row for row in agreement_view(result)["parameters"] if row["name"] == "cubic")
+    assert first["second"].endswith("± not known")
+    assert first["en"] == "0.00"
+    assert "cubic" not in [item.name for item in result.differing]

@@ -25,10 +25,10 @@ def cubic():
     run = ac.simulate(
         "tones", seconds=10.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
-    found = estimate(ac.Model.cubic(), run)
-    estimates = tuple(replace(e, value=VALUES[e.name], std=STD[e.name]) for e in found.estimates)
-    covariance = np.diag([STD[e.name] ** 2 for e in found.free])
-    return replace(found, estimates=estimates, covariance=covariance, validity={"a": (-6.0, 5.0)})
+    fit = estimate(ac.Model.cubic(), run)
+    estimates = tuple(replace(e, value=VALUES[e.name], std=STD[e.name]) for e in fit.estimates)
+    covariance = np.diag([STD[e.name] ** 2 for e in fit.free])
+    return replace(fit, estimates=estimates, covariance=covariance, validity={"a": (-6.0, 5.0)})
 
 
 def on(fit, **rig):
@@ -147,14 +147,14 @@ def test_scatter_from_run_to_run_is_independent_per_parameter(cubic):
 @pytest.mark.parametrize("a", [-5.0, -0.3, 0.0, 2.0, 6.0])
 def test_applying_inverts_the_forward_model(cubic, a):
     output = 1.02 * a + 0.05 + 3e-4 * a**2 + 1e-3 * a**3
-    found = apply(cubic, output)
-    assert found.acceleration == pytest.approx(a, rel=1e-12, abs=1e-13)  # Newton to rest, well-conditioned
+    result = apply(cubic, output)
+    assert result.acceleration == pytest.approx(a, rel=1e-12, abs=1e-13)  # Newton to rest, well-conditioned
     rng = np.random.default_rng(3)
     draws = []
     for _ in range(2000):
         off = tuple(replace(e, value=e.value + e.std * rng.standard_normal()) for e in cubic.estimates)
         draws.append(apply(replace(cubic, estimates=off), output).acceleration)
-    assert np.std(draws) == pytest.approx(found.std, rel=0.08)  # five sigma of 2000 draws
+    assert np.std(draws) == pytest.approx(result.std, rel=0.08)  # five sigma of 2000 draws
 
 
 def test_an_output_beyond_the_turning_point_is_refused(cubic):
@@ -168,10 +168,10 @@ def test_an_output_beyond_the_turning_point_is_refused(cubic):
 
 def test_the_example_starts_from_what_the_instrument_shows(cubic):
     sensor = Sensor(scale=0.025, scale_unit="V", zero=2.5)
-    found = example(on(cubic, sensor=sensor))
-    assert found.raw_unit == "V"
-    assert found.raw == float(f"{found.raw:.5g}")
-    assert found.output == pytest.approx((found.raw - 2.5) / 0.025, rel=1e-9)
-    assert -6.0 < found.acceleration < 5.0
-    assert ("time_offset", "timing") in found.left_out
+    result = example(on(cubic, sensor=sensor))
+    assert result.raw_unit == "V"
+    assert result.raw == float(f"{result.raw:.5g}")
+    assert result.output == pytest.approx((result.raw - 2.5) / 0.025, rel=1e-9)
+    assert -6.0 < result.acceleration < 5.0
+    assert ("time_offset", "timing") in result.left_out
     assert example(cubic).raw is None

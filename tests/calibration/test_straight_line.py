@@ -55,11 +55,11 @@ def test_uncertainty_is_the_spread_of_drawn_coefficients(fitted: Fit) -> None:
     lines = [straight_line(with_values(fitted, **dict(zip(names, row, strict=True)))) for row in drawn.tolist()]
     line = straight_line(fitted)
     # False alarm: eight standard deviations of 4000 draws, each within 4.5 of its own 1.1 %: 6e-5.
-    for stated, found in (
-        (line.output_std, [each.output for each in lines]),
-        (line.deviation_std, [each.deviation for each in lines]),
+    for stated, result in (
+        (line.output_std, [item.output for item in lines]),
+        (line.deviation_std, [item.deviation for item in lines]),
     ):
-        np.testing.assert_allclose(np.std(found, axis=0)[at], stated[at], rtol=4.5 / np.sqrt(2 * count))
+        np.testing.assert_allclose(np.std(result, axis=0)[at], stated[at], rtol=4.5 / np.sqrt(2 * count))
     assert np.all(line.deviation_std[at] != line.output_std[at])  # the twin that must fail: bands are not the same
 
 

@@ -34,7 +34,7 @@ def w2(rng: np.random.Generator, *, seconds: float) -> dict[str, float]:
     u = output(a, *truth[2:]) + OUTPUT_NOISE * rng.standard_normal(len(a))
     z = p + POSITION_NOISE * rng.standard_normal(len(p))
     z[1::2] = np.nan
-    found = run_batch(
+    result = run_batch(
         W2,
         u,
         z,
@@ -44,12 +44,12 @@ def w2(rng: np.random.Generator, *, seconds: float) -> dict[str, float]:
         x0=[p[0] - truth[0], v[0] - truth[1], 0.0, 0.0, 0.0, 0.0],
         P0=np.diag(PRIOR**2),
     )
-    error, covariance = found.states[0, 2:] - truth[2:], found.covariances[0, 2:, 2:]
+    error, covariance = result.states[0, 2:] - truth[2:], result.covariances[0, 2:, 2:]
     deviates = error / np.sqrt(np.diag(covariance))
     return {
-        **dict(zip(found.names[2:], deviates.tolist(), strict=True)),
+        **dict(zip(result.names[2:], deviates.tolist(), strict=True)),
         "nees": float(nees(error, covariance)),
-        "log_likelihood": float(found.log_likelihoods[0]),
+        "log_likelihood": float(result.log_likelihoods[0]),
     }
 
 

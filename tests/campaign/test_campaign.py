@@ -38,13 +38,13 @@ def draws(store: Path, count: int, **others: Any) -> campaign.Count:
 
 
 def test_values_are_those_of_the_spawned_seeds(tmp_path):
-    assert draws(tmp_path / "c.sqlite", 5, parameters={"scale": 2.0}) == campaign.Count(computed=5, kept=0, failed=0)
-    found = campaign.load(tmp_path / "c.sqlite")
+    assert draws(tmp_path / "c.sqlite", 5, parameters={"scale": 2.0}) == campaign.Count(computed=5, stored=0, failed=0)
+    recording = campaign.load(tmp_path / "c.sqlite")
     expected = [2.0 * np.random.default_rng(s).standard_normal() for s in np.random.SeedSequence(1).spawn(5)]
-    assert found.values["x"].tolist() == expected
-    assert found.items == ("1:0", "1:1", "1:2", "1:3", "1:4")
-    assert found.runs.tolist() == [0, 1, 2, 3, 4]
-    assert not found.errors
+    assert recording.values["x"].tolist() == expected
+    assert recording.items == ("1:0", "1:1", "1:2", "1:3", "1:4")
+    assert recording.runs.tolist() == [0, 1, 2, 3, 4]
+    assert not recording.errors
 
 
 @settings(max_examples=20, deadline=None)
@@ -53,7 +53,7 @@ def test_contents_depend_neither_on_batches_nor_on_where_it_was_cut(tmp_path_fac
     folder = tmp_path_factory.mktemp("c")
     draws(folder / "whole.sqlite", 40)
     draws(folder / "parts.sqlite", cut, batch=batch)
-    assert draws(folder / "parts.sqlite", 40, batch=batch).kept == cut
+    assert draws(folder / "parts.sqlite", 40, batch=batch).stored == cut
     assert contents(folder / "parts.sqlite") == contents(folder / "whole.sqlite")
 
 
@@ -66,7 +66,7 @@ def test_another_seed_gives_other_contents(tmp_path):
 def test_a_complete_campaign_computes_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv(tasks.CALLS, str(tmp_path / "calls"))
     draws(tmp_path / "c.sqlite", 7)
-    assert draws(tmp_path / "c.sqlite", 7) == campaign.Count(computed=0, kept=7, failed=0)
+    assert draws(tmp_path / "c.sqlite", 7) == campaign.Count(computed=0, stored=7, failed=0)
     assert counted(tmp_path / "calls") == {f"1:{i}": 1 for i in range(7)}
 
 
@@ -75,11 +75,11 @@ def test_a_failing_run_is_kept_with_its_error_and_the_others_go_on(tmp_path, mon
     store = tmp_path / "c.sqlite"
     for _ in range(2):
         count = campaign.run(tasks.sometimes, campaign.seeds(1, 7), store=store)
-    assert (count.kept, count.failed) == (7, 2)
-    found = campaign.load(store)
-    assert found.errors == {f"1:{i}": f"ValueError: run {i} has had enough" for i in (2, 5)}
-    np.testing.assert_array_equal(found.values["x"], [0, 1, np.nan, 3, 4, np.nan, 6])
-    np.testing.assert_array_equal(found.values["y"], [np.nan, np.inf, np.nan, np.nan, np.inf, np.nan, np.nan])
+    assert (count.stored, count.failed) == (7, 2)
+    recording = campaign.load(store)
+    assert recording.errors == {f"1:{i}": f"ValueError: run {i} has had enough" for i in (2, 5)}
+    np.testing.assert_array_equal(recording.values["x"], [0, 1, np.nan, 3, 4, np.nan, 6])
+    np.testing.assert_array_equal(recording.values["y"], [np.nan, np.inf, np.nan, np.nan, np.inf, np.nan, np.nan])
     assert set(counted(tmp_path / "calls").values()) == {1}  # failures are results, too
 
 
@@ -93,17 +93,17 @@ def test_files_travel_by_path(tmp_path):
     for i, path in enumerate(paths[:2]):
         path.write_text(str(i + 1))
     count = campaign.run(tasks.read, paths, store=tmp_path / "c.sqlite", parameters={"factor": 10.0})
-    assert count == campaign.Count(computed=3, kept=0, failed=1)
-    found = campaign.load(tmp_path / "c.sqlite")
-    np.testing.assert_array_equal(found.values["number"], [10.0, 20.0, np.nan])
-    assert "FileNotFoundError" in found.errors[str(paths[2])]
+    assert count == campaign.Count(computed=3, stored=0, failed=1)
+    recording = campaign.load(tmp_path / "c.sqlite")
+    np.testing.assert_array_equal(recording.values["number"], [10.0, 20.0, np.nan])
+    assert "FileNotFoundError" in recording.errors[str(paths[2])]
 
 
 def test_progress_rises_to_the_end_and_the_file_can_be_read_meanwhile(tmp_path):
-    store, seen = tmp_path / "c.sqlite", []
+    store, calls = tmp_path / "c.sqlite", []
     draws(store, 5)
-    draws(store, 55, batch=10, progress=lambda done, total: seen.append((done, total, len(campaign.load(store).runs))))
-    assert seen == [(done, 55, done) for done in (15, 25, 35, 45, 55)]
+    draws(store, 55, batch=10, progress=lambda done, total: calls.append((done, total, len(campaign.load(store).runs))))
+    assert calls == [(done, 55, done) for done in (15, 25, 35, 45, 55)]
 
 
 def test_an_interrupt_leaves_what_was_stored(tmp_path):
@@ -115,7 +115,7 @@ def test_an_interrupt_leaves_what_was_stored(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         draws(store, 50, batch=10, progress=interrupt, executor=None)
     assert len(campaign.load(store).runs) == 20
-    assert draws(store, 50) == campaign.Count(computed=30, kept=20, failed=0)
+    assert draws(store, 50) == campaign.Count(computed=30, stored=20, failed=0)
 
 
 def test_another_campaign_in_the_same_file_is_refused_by_what_differs(tmp_path):

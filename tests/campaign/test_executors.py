@@ -52,14 +52,14 @@ def reference(tmp_path_factory) -> str:
     """Contents that one thread after another would write."""
     store = tmp_path_factory.mktemp("reference") / "c.sqlite"
     with ThreadPoolExecutor(1) as pool:
-        assert whole(store, pool) == campaign.Count(computed=RUNS, kept=0, failed=0)
+        assert whole(store, pool) == campaign.Count(computed=RUNS, stored=0, failed=0)
     return contents(store)
 
 
 @pytest.mark.parametrize("kind", [threads, processes, dask])
 def test_the_answer_is_the_same_on_every_executor(tmp_path, reference, kind):
     with kind() as executor:
-        assert whole(tmp_path / "c.sqlite", executor) == campaign.Count(computed=RUNS, kept=0, failed=0)
+        assert whole(tmp_path / "c.sqlite", executor) == campaign.Count(computed=RUNS, stored=0, failed=0)
     assert contents(tmp_path / "c.sqlite") == reference
 
 
@@ -69,7 +69,7 @@ def test_killed_half_way_it_finishes_with_the_same_contents(tmp_path, reference,
     stored = campaign.load(store).items
     assert RUNS // 2 <= len(stored) < RUNS
     monkeypatch.setenv("ACCELCAL_CALLS", str(calls))
-    assert whole(store) == campaign.Count(computed=RUNS - len(stored), kept=len(stored), failed=0)
+    assert whole(store) == campaign.Count(computed=RUNS - len(stored), stored=len(stored), failed=0)
     assert contents(store) == reference
     times = counted(calls)
     assert set(times) == set(campaign.load(store).items)

@@ -143,8 +143,8 @@ def one_fit(setting: Setting, run: int, *, share: float = 1.0) -> tuple[Array, A
     """Error and covariance of the default fit, on the first `share` of the record."""
     sim = setting.simulate(run)
     end = None if share == 1.0 else share * setting.seconds
-    found = estimate(setting.model, sim.recording, end=end)
-    return np.array([found[name].value - sim.truth.parameters[name] for name in setting.names]), found.covariance
+    fit = estimate(setting.model, sim.recording, end=end)
+    return np.array([fit[name].value - sim.truth.parameters[name] for name in setting.names]), fit.covariance
 
 
 def one_aci(setting: Setting, run: int) -> tuple[Array, Array]:
@@ -153,9 +153,9 @@ def one_aci(setting: Setting, run: int) -> tuple[Array, Array]:
     The output is continued by cubics, so that no error of interpolation is mistaken for that of the regressor.
     """
     sim = setting.simulate(run)
-    found = ac.fit(sim.recording, method=FilterChoice("aci", "linear", interpolation="cubic"))
-    names = [e.name for e in found.free]
-    return np.array([found[name].value - sim.truth.parameters[name] for name in names]), found.covariance
+    fit = ac.fit(sim.recording, method=FilterChoice("aci", "linear", interpolation="cubic"))
+    names = [e.name for e in fit.free]
+    return np.array([fit[name].value - sim.truth.parameters[name] for name in names]), fit.covariance
 
 
 def aci_or_none(setting: Setting, run: int) -> tuple[Array, Array] | None:

@@ -41,9 +41,9 @@ def fitted(cubic: bool) -> Fit:
     return estimate(Model.cubic() if cubic else Model.linear(), run(0, CUBIC if cubic else TRUTH).recording)
 
 
-def with_truth(found: Fit, truth: dict[str, float]) -> Fit:
+def with_truth(fit: Fit, truth: dict[str, float]) -> Fit:
     """The fit with its estimates replaced by the truth: what remains is noise alone."""
-    return replace(found, estimates=tuple(replace(e, value=truth[e.name]) for e in found.estimates))
+    return replace(fit, estimates=tuple(replace(e, value=truth[e.name]) for e in fit.estimates))
 
 
 @pytest.mark.parametrize("cubic", [False, True], ids=["linear", "cubic"])
@@ -55,21 +55,21 @@ def test_withheld_positions_may_be_noise(start: float, cubic: bool) -> None:
     later = position.t > start
     y[later] = np.random.default_rng(3).standard_normal(int(later.sum()))
     spoiled = replace(recording, position=replace(position, y=y))
-    one, two = coast(fitted(cubic), recording, start, 5.0), coast(fitted(cubic), spoiled, start, 5.0)
+    coasted, two = coast(fitted(cubic), recording, start, 5.0), coast(fitted(cubic), spoiled, start, 5.0)
     for name in ("start", "t", "frozen", "rezeroed", "floor"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(coasted, name), getattr(two, name), err_msg=name)
     # The sister: readings before the start are felt.
     y = position.y.copy()
     y[(position.t > start - 0.1) & (position.t <= start)] += 1e-3
     felt = coast(fitted(cubic), replace(recording, position=replace(position, y=y)), start, 5.0)
-    assert not np.array_equal(felt.frozen, one.frozen)
+    assert not np.array_equal(felt.frozen, coasted.frozen)
 
 
-def drift(found: Fit, recordings: list[Recording], horizon: float) -> Consistency:
+def drift(fit: Fit, recordings: list[Recording], horizon: float) -> Consistency:
     """Squared frozen drift over its floor, from starts so far apart that no two share their noise."""
     values = []
     for recording in recordings:
-        ahead = Prediction.of(found, recording)
+        ahead = Prediction.of(fit, recording)
         t = ahead.run.t
         for begin in np.arange(t[0] + 2.0, t[-1] - horizon - 0.1, horizon + 0.5):
             k, row = np.searchsorted(t, [begin, begin + horizon])
@@ -103,8 +103,8 @@ def test_comparison_reports_the_same_drift_as_single_coasts() -> None:
     recording = run(30, TRUTH, 20.0).recording
     ahead = Prediction.of(fitted(False), recording)
     starts = ahead.starts(1.0)
-    found = compare(fitted(False), recording, horizons=(1.0,))
-    assert found.coast_starts[1.0] == len(starts)
+    comparison = compare(fitted(False), recording, horizons=(1.0,))
+    assert comparison.coast_starts[1.0] == len(starts)
     t = ahead.run.t
     errors = []
     for k in starts[::40]:
@@ -118,8 +118,10 @@ def test_comparison_reports_the_same_drift_as_single_coasts() -> None:
 
 def test_rezeroing_takes_out_the_set_up_bias() -> None:
     moved = {**TRUTH, "bias": TRUTH["bias"] + 0.01}
-    found = compare(fitted(False), run(40, moved, 60.0).recording)
-    frozen, rezeroed, floor = (series[5.0] for series in (found.coast_frozen_rms, found.coast_rms, found.coast_floor))
+    comparison = compare(fitted(False), run(40, moved, 60.0).recording)
+    frozen, rezeroed, floor = (
+        series[5.0] for series in (comparison.coast_frozen_rms, comparison.coast_rms, comparison.coast_floor)
+    )
     print(f"5 s: frozen {frozen:.2e} m, rezeroed {rezeroed:.2e} m, floor {floor:.2e} m")
     assert frozen is not None
     assert rezeroed is not None
@@ -142,13 +144,13 @@ def test_set_up_bias_is_reported_within_its_uncertainty() -> None:
 
 
 def test_horizons_beyond_the_record_are_none() -> None:
-    found = compare(fitted(False), run(60, TRUTH, 4.0).recording)
-    assert found.coast_rms[1.0] is not None
+    comparison = compare(fitted(False), run(60, TRUTH, 4.0).recording)
+    assert comparison.coast_rms[1.0] is not None
     for horizon in (5.0, 10.0):
-        assert found.coast_rms[horizon] is None
-        assert found.coast_frozen_rms[horizon] is None
-        assert found.coast_floor[horizon] is None
-        assert found.coast_starts[horizon] == 0
+        assert comparison.coast_rms[horizon] is None
+        assert comparison.coast_frozen_rms[horizon] is None
+        assert comparison.coast_floor[horizon] is None
+        assert comparison.coast_starts[horizon] == 0
 
 
 def test_coasting_where_nothing_is_known_is_refused() -> None:
@@ -168,9 +170,9 @@ def test_the_floor_holds_what_jumps_between_samples_cost(tmp_path: Path):
     for seed in range(3):
         recording = load(TABLE["a-trap-servo-norc"].build(7100 + seed).write(tmp_path, f"run{seed}"))
         prediction = Prediction.of(estimate(Model.linear(), recording), recording)
-        seen = prediction.at_horizon(1.0)
-        errors.append(np.mean((seen.frozen / seen.floor) ** 2))
+        stretch = prediction.at_horizon(1.0)
+        errors.append(np.mean((stretch.frozen / stretch.floor) ** 2))
         prediction.unknown = np.zeros_like(prediction.unknown)
-        blind.append(np.mean((seen.frozen / prediction.at_horizon(1.0).floor) ** 2))
+        blind.append(np.mean((stretch.frozen / prediction.at_horizon(1.0).floor) ** 2))
     assert 0.8 < math.sqrt(np.mean(errors)) < 1.25
     assert math.sqrt(np.mean(blind)) > 3.0

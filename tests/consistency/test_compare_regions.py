@@ -27,36 +27,36 @@ def run(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Simulated:
 
 def across(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Evaluation:
     """A model fitted on one run against another run of the same sensor."""
-    found = estimate(Model.linear(), run(seed, rig, **hidden).recording)
-    return compare(found, run(seed + 100, rig, **hidden).recording)[0]
+    fit = estimate(Model.linear(), run(seed, rig, **hidden).recording)
+    return compare(fit, run(seed + 100, rig, **hidden).recording)[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_worst_region_is_acceleration_when_a_cubic_is_hidden(seed: int) -> None:
-    found = across(seed, cubic=1e-3)
-    print(found.worst)
-    assert found.worst.startswith("acceleration between")
+    result = across(seed, cubic=1e-3)
+    print(result.worst)
+    assert result.worst.startswith("acceleration between")
 
 
 @pytest.mark.parametrize("rig", [ADXL105_RIG, CXL02_RIG], ids=["225 ug", "20 ug"])
 @pytest.mark.parametrize("seed", range(3))
 def test_no_region_stands_out_when_nothing_is_missing(seed: int, rig: object) -> None:
     # 72 bins at 4 sigma: 0.5 % for each run
-    found = across(seed, rig)
-    print(found.worst, found.accel_rms)
-    assert found.worst.startswith("no region stands out")
+    result = across(seed, rig)
+    print(result.worst, result.accel_rms)
+    assert result.worst.startswith("no region stands out")
 
 
 @pytest.mark.parametrize("rig", [ADXL105_RIG, CXL02_RIG], ids=["225 ug", "20 ug"])
 def test_accelerometer_residual_of_a_true_model_is_the_sensors_own_noise(rig: object) -> None:
-    found = across(7, rig)
+    result = across(7, rig)
     density = rig.sensor.noise  # type: ignore[attr-defined]
     # Sensor noise up to the band, and encoder noise below it: equal at the band, a fifth of it in all (1 + 1/5).
-    assert found.accel_rms == pytest.approx(density * np.sqrt(found.band * 1.2), rel=0.1)
+    assert result.accel_rms == pytest.approx(density * np.sqrt(result.band * 1.2), rel=0.1)
 
 
 def test_a_band_that_is_asked_for_is_used() -> None:
     first, second = run(8), run(9)
-    found = compare(estimate(Model.linear(), first.recording), second.recording, band=6.0)[0]
-    assert found.band == 6.0
-    assert next(b for b in found.bins if b.variable == "frequency").edges[-1] <= 6.0
+    result = compare(estimate(Model.linear(), first.recording), second.recording, band=6.0)[0]
+    assert result.band == 6.0
+    assert next(b for b in result.bins if b.variable == "frequency").edges[-1] <= 6.0

@@ -55,17 +55,17 @@ def test_the_papers_filter_is_overconfident_where_the_motion_is_weak() -> None:
 
 
 def normalised(parameter: str) -> tuple[np.ndarray, np.ndarray]:
-    found = [fitted(setting) for setting in SETTINGS]
-    column = found[0].names.index(parameter)
-    return np.concatenate([f.error[:, column] for f in found]), np.concatenate([f.sigma[:, column] for f in found])
+    results = [fitted(setting) for setting in SETTINGS]
+    column = results[0].names.index(parameter)
+    return np.concatenate([f.error[:, column] for f in results]), np.concatenate([f.sigma[:, column] for f in results])
 
 
 @pytest.mark.parametrize("parameter", SETTINGS[0].names)
 def test_intervals_cover_what_they_promise(parameter: str) -> None:
     error, sigma = normalised(parameter)
-    found = coverage(error, sigma, 0.95, PROBABILITY)
-    print(f"{parameter}: {100 * found.rate:.1f} % of {found.count} intervals hold the truth")
-    assert found.verdict == "consistent"
+    result = coverage(error, sigma, 0.95, PROBABILITY)
+    print(f"{parameter}: {100 * result.rate:.1f} % of {result.count} intervals hold the truth")
+    assert result.verdict == "consistent"
 
 
 def test_intervals_half_as_long_are_caught() -> None:
@@ -75,15 +75,15 @@ def test_intervals_half_as_long_are_caught() -> None:
 
 @pytest.mark.parametrize("setting", BOUNDED, ids=lambda s: s.name)
 def test_errors_reach_the_cramer_rao_bound(setting: Setting) -> None:
-    found = collect(setting.names, (one_fit(setting, run) for run in range(RUNS)))
+    collection = collect(setting.names, (one_fit(setting, run) for run in range(RUNS)))
     bound = bounds(setting, range(RUNS))
-    rms = np.sqrt(np.mean((found.error / bound) ** 2, axis=0))
+    rms = np.sqrt(np.mean((collection.error / bound) ** 2, axis=0))
     # 99.9 % for all parameters of the setting together
     low, high = rms_region(RUNS, 1.0 - (1.0 - PROBABILITY) / len(setting.names))
     print(dict(zip(setting.names, rms.round(3), strict=True)), f"in [{low:.2f}, {high:.2f}]")
     assert np.all((rms > low) & (rms < high))
     # The fit estimates its noise, which is known to some percent from 30 s of readings.
-    np.testing.assert_allclose(found.sigma.mean(axis=0), bound.mean(axis=0), rtol=0.05)
+    np.testing.assert_allclose(collection.sigma.mean(axis=0), bound.mean(axis=0), rtol=0.05)
 
 
 def test_a_fit_that_ignores_eight_ninths_of_the_record_misses_the_bound() -> None:

@@ -63,13 +63,13 @@ def changed(
 
 
 def without(channel: Channel, begin: float, end: float) -> Channel:
-    kept = (channel.t < begin) | (channel.t > end)
-    return replace(channel, t=channel.t[kept], y=channel.y[kept])
+    remaining = (channel.t < begin) | (channel.t > end)
+    return replace(channel, t=channel.t[remaining], y=channel.y[remaining])
 
 
-def errors(found: Fit, truth: dict[str, float] = TRUTH) -> dict[str, float]:
+def errors(fit: Fit, truth: dict[str, float] = TRUTH) -> dict[str, float]:
     """Errors in reported standard deviations."""
-    return {name: (found[name].value - value) / found[name].std for name, value in truth.items()}
+    return {name: (fit[name].value - value) / fit[name].std for name, value in truth.items()}
 
 
 def short() -> Recording:
@@ -111,11 +111,11 @@ RECORDS: dict[str, Callable[[], Recording]] = {
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_record_of_any_shape_is_fitted_within_its_uncertainty(name: str) -> None:
-    found = estimate(Model.linear(), RECORDS[name]())
-    z = errors(found)
-    print(name, {key: round(value, 2) for key, value in z.items()}, found.remarks)
+    fit = estimate(Model.linear(), RECORDS[name]())
+    z = errors(fit)
+    print(name, {key: round(value, 2) for key, value in z.items()}, fit.remarks)
     assert max(abs(value) for value in z.values()) < LIMIT
-    assert not any(one.code == "not_settled" for one in found.remarks)
+    assert not any(remark.code == "not_settled" for remark in fit.remarks)
 
 
 def test_estimates_that_stay_are_settled_however_small_the_last_step_must_be(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,12 +144,12 @@ def test_low_pass_left_undeclared_is_far_outside_the_uncertainty(name: str) -> N
     assert abs(z["time_offset"]) > 50.0
 
 
-def same_within(one: Fit, two: Fit, share: float, **factor: float) -> None:
+def same_within(fit: Fit, two: Fit, share: float, **factor: float) -> None:
     """Estimates of `one` times `factor` equal those of `two` to a share of their standard deviation."""
     for e in two.estimates:
-        expected = one[e.name].value * factor.get(e.name, 1.0)
+        expected = fit[e.name].value * factor.get(e.name, 1.0)
         assert abs(e.value - expected) < share * e.std, e.name
-        assert e.std == pytest.approx(one[e.name].std * abs(factor.get(e.name, 1.0)), rel=0.01)
+        assert e.std == pytest.approx(fit[e.name].std * abs(factor.get(e.name, 1.0)), rel=0.01)
 
 
 LIKELIHOOD = 0.03

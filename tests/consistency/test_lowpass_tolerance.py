@@ -23,24 +23,24 @@ PROBABILITY = 0.999
 
 
 def rms(motion: str, tolerance: float, **how: bool) -> np.ndarray:
-    found = np.array([normalised(seed, motion, tolerance, **how) for seed in range(RUNS)])
-    return np.asarray(np.sqrt(np.mean(found**2, axis=0)))
+    values = np.array([normalised(seed, motion, tolerance, **how) for seed in range(RUNS)])
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 def test_standard_deviations_are_honest_when_the_low_pass_is_off_within_its_tolerance() -> None:
     # 99.9 % for the three parameters together.
-    found = rms("interleaved", 0.05)
+    result = rms("interleaved", 0.05)
     low, high = rms_region(RUNS, 1.0 - (1.0 - PROBABILITY) / len(NAMES))
-    print(dict(zip(NAMES, found.round(3), strict=True)), f"in [{low:.2f}, {high:.2f}], {RUNS} fits")
-    assert np.all((found > low) & (found < high))
+    print(dict(zip(NAMES, result.round(3), strict=True)), f"in [{low:.2f}, {high:.2f}], {RUNS} fits")
+    assert np.all((result > low) & (result < high))
 
 
 def test_a_tolerance_that_is_not_declared_makes_scale_and_delay_overconfident() -> None:
     # The sister that must fail: same records, same statistic.
-    found = rms("interleaved", 0.05, declared=False)
+    result = rms("interleaved", 0.05, declared=False)
     _, high = rms_region(RUNS, PROBABILITY)
-    print(dict(zip(NAMES, found.round(3), strict=True)), f"above {high:.2f}")
-    assert np.all(found[1:] > 1.5 * high)
+    print(dict(zip(NAMES, result.round(3), strict=True)), f"above {high:.2f}")
+    assert np.all(result[1:] > 1.5 * high)
 
 
 def test_motion_fast_enough_to_show_the_low_pass_finds_its_error() -> None:
@@ -54,22 +54,22 @@ def test_motion_fast_enough_to_show_the_low_pass_finds_its_error() -> None:
 
 def test_an_exact_low_pass_adds_nothing_to_the_model() -> None:
     exact = replace(CXL02_RIG, lowpass=LowPass(159.0, 0.0))
-    made = simulate("tones", seconds=10.0, rig=exact, parameters=TRUTH, rng=np.random.default_rng(1))
-    assert "lowpass_error" not in estimate(Model.linear(), made.recording).model.effects
+    simulation = simulate("tones", seconds=10.0, rig=exact, parameters=TRUTH, rng=np.random.default_rng(1))
+    assert "lowpass_error" not in estimate(Model.linear(), simulation.recording).model.effects
 
 
 def test_a_model_with_the_error_of_its_low_pass_survives_its_file(tmp_path) -> None:
-    found = estimate(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
-    model_file.save(found, tmp_path / "m.json")
-    assert model_file.to_dict(model_file.load(tmp_path / "m.json")) == model_file.to_dict(found)
+    fit = estimate(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
+    model_file.save(fit, tmp_path / "m.json")
+    assert model_file.to_dict(model_file.load(tmp_path / "m.json")) == model_file.to_dict(fit)
 
 
 def late(delay: float, slower: float = 0.0) -> Recording:
     """A record whose declared tolerance of 2 % of the low-pass, 20 us, stands beside a delay of the clock."""
     built = replace(CXL02_RIG, lowpass=LowPass(159.0 / (1.0 + slower)))
     truth = {**TRUTH, "time_offset": delay}
-    made = simulate("interleaved", seconds=30.0, rig=built, parameters=truth, rng=np.random.default_rng(8))
-    return replace(made.recording, rig=replace(CXL02_RIG, lowpass=LowPass(159.0, 0.02)))
+    simulation = simulate("interleaved", seconds=30.0, rig=built, parameters=truth, rng=np.random.default_rng(8))
+    return replace(simulation.recording, rig=replace(CXL02_RIG, lowpass=LowPass(159.0, 0.02)))
 
 
 @pytest.mark.parametrize(
@@ -78,9 +78,9 @@ def late(delay: float, slower: float = 0.0) -> Recording:
 )
 def test_the_tolerance_is_subtracted_from_a_delay_once(delay: float, slower: float, named: bool) -> None:
     # The delay is known to 0.6 us; three standard deviations of the time constant would be 60 us. False alarms: 0.5 %.
-    found = improve(late(delay, slower))
-    assert ("time_offset" in found.effects) == named
+    improvement = improve(late(delay, slower))
+    assert ("time_offset" in improvement.effects) == named
     if named:
-        before, after = found.steps[0].heldout, found.steps[-1].heldout
+        before, after = improvement.steps[0].heldout, improvement.steps[-1].heldout
         assert before.one_step_rms > after.one_step_rms  # the first step is free to be neither late nor slow
-        assert "lowpass_error" in found.steps[0].fit.model.fixed
+        assert "lowpass_error" in improvement.steps[0].fit.model.fixed

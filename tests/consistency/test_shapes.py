@@ -37,24 +37,24 @@ def errors() -> tuple[np.ndarray, np.ndarray]:
     for name, (size, shape) in HIDDEN.items():
         for seed in range(RECORDS):
             rng = np.random.default_rng([17, seed])
-            made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
-            recording = with_effect(made, find(name), size, shape, prepare(made.recording).origins)
-            found = estimate(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
-            ended = {f"{name}.{key}": found[f"{name}.{key}"].value for key in shape}
-            held = estimate(found.model.freeze(**ended), recording)
+            simulation = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+            recording = with_effect(simulation, find(name), size, shape, prepare(simulation.recording).origins)
+            fit = estimate(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
+            ended = {f"{name}.{key}": fit[f"{name}.{key}"].value for key in shape}
+            held = estimate(fit.model.freeze(**ended), recording)
             truth = {"scale_factor": TRUTH["scale_factor"], name: size}
             honest.append(
                 [
-                    *normalised(found, truth),
-                    *normalised(found, {f"{name}.{k}": v for k, v in shape.items() if k != "start"}),
+                    *normalised(fit, truth),
+                    *normalised(fit, {f"{name}.{k}": v for k, v in shape.items() if k != "start"}),
                 ]
             )
             sure.append(normalised(held, truth))
     return np.array(honest), np.array(sure)
 
 
-def normalised(found: Fit, truth: dict[str, float]) -> list[float]:
-    return [(found[key].value - value) / found[key].std for key, value in truth.items()]
+def normalised(fit: Fit, truth: dict[str, float]) -> list[float]:
+    return [(fit[key].value - value) / fit[key].std for key, value in truth.items()]
 
 
 def test_errors_are_as_large_as_they_say(errors):
@@ -69,8 +69,10 @@ def test_errors_are_as_large_as_they_say(errors):
 
 def test_a_held_shape_stays_and_says_so():
     rng = np.random.default_rng(5)
-    made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
-    recording = with_effect(made, find("creep"), 0.2, {"tau": 2.0, "start": 0.0}, prepare(made.recording).origins)
+    simulation = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+    recording = with_effect(
+        simulation, find("creep"), 0.2, {"tau": 2.0, "start": 0.0}, prepare(simulation.recording).origins
+    )
     model = Model.linear().add("creep", shapes={"creep": {"tau": 1.0, "start": 0.0}}).freeze(**{"creep.tau": 1.5})
     held = estimate(model, recording)
     assert held["creep.tau"].value == 1.5
@@ -83,9 +85,13 @@ def test_a_held_shape_stays_and_says_so():
 
 def clipped(seed: int, softness: float, share: float) -> tuple[Fit, Fit]:
     """Fits of a clip at a share of the largest output: with what physics says of clips, and without."""
-    made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng([18, seed]))
-    level = share * float(np.max(np.abs(made.recording.accel.y)))
-    recording = with_effect(made, find("saturation"), softness, {"level": level}, prepare(made.recording).origins)
+    simulation = simulate(
+        "interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng([18, seed])
+    )
+    level = share * float(np.max(np.abs(simulation.recording.accel.y)))
+    recording = with_effect(
+        simulation, find("saturation"), softness, {"level": level}, prepare(simulation.recording).origins
+    )
     believed = add(estimate(Model.linear(), recording), recording, "saturation")
     return believed, estimate(replace(believed.model, priors={}), recording)
 
@@ -93,8 +99,8 @@ def clipped(seed: int, softness: float, share: float) -> tuple[Fit, Fit]:
 @pytest.mark.parametrize("seed", [0, 2])
 def test_a_clip_that_three_readings_reach_is_a_hard_one_until_more_is_known(seed):
     fits = clipped(seed, 1.0, 0.997)
-    assert [any(said.code == "mostly_prior" for said in one.remarks) for one in fits] == [True, False]
-    believed, alone = (one["saturation"] for one in fits)
+    assert [any(note.code == "mostly_prior" for note in fit.remarks) for fit in fits] == [True, False]
+    believed, alone = (fit["saturation"] for fit in fits)
     assert explained_gain(fits[0], "saturation")[0] < 2.0  # prior information explains nothing
     assert abs(believed.value - 1.0) < 2.5 * believed.std
     # its level and its softness trade places: far off, or hardly known
@@ -104,8 +110,8 @@ def test_a_clip_that_three_readings_reach_is_a_hard_one_until_more_is_known(seed
 @pytest.mark.parametrize("seed", [0, 4])
 def test_readings_that_show_a_soft_clip_outweigh_what_is_believed(seed):
     fits = clipped(seed, 0.4, 0.97)
-    assert not any("prior" in said.sentence for said in fits[0].remarks)
-    believed, alone = (one["saturation"] for one in fits)
+    assert not any("prior" in note.sentence for note in fits[0].remarks)
+    believed, alone = (fit["saturation"] for fit in fits)
     assert believed.value + 5.0 * believed.std < 1.0
     assert believed.value == pytest.approx(alone.value, abs=0.8 * alone.std)  # level and softness trade places
 

@@ -14,17 +14,17 @@ from accelcal.simulation.sensor import ADXL105_RIG, simulate
 
 
 def test_position_velocity_and_acceleration_scatter_as_they_say():
-    made = simulate("bursts", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
-    one = solve_runs(Model.linear(), [made.recording]).states[0]
-    s, true = one.signals, made.truth.motion
-    t = s.t + one.run.origins.t
+    simulation = simulate("bursts", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
+    state = solve_runs(Model.linear(), [simulation.recording]).states[0]
+    s, true = state.signals, simulation.truth.motion
+    t = s.t + state.run.origins.t
     inside = (t > t[0] + 1.0) & (t < t[-1] - 1.0)
-    for name, found, exact, std in (
+    for name, result, exact, std in (
         ("p", s.p, true.position(t), s.p_std),
         ("v", s.v, true.velocity(t), s.v_std),
         ("a", s.a, true.acceleration(t), s.a_std),
     ):
-        off = (found - exact)[inside]
+        off = (result - exact)[inside]
         ratio = float(np.std(off)) / std
         print(f"scatter of {name} over what it says: {ratio:.2f} (0.75 to 1.4)")
         assert 0.75 < ratio < 1.4
@@ -33,17 +33,17 @@ def test_position_velocity_and_acceleration_scatter_as_they_say():
 @pytest.mark.parametrize("channels", [("accel", "position"), ("accel",)])
 @pytest.mark.parametrize("hole", [0.05, 0.5, 1.0])
 def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
-    made = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
+    simulation = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
     begin, end = 7.0, 7.0 + hole
     cut = {}
     for name in channels:
-        channel = getattr(made.recording, name)
-        kept = (channel.t < begin) | (channel.t > end)
-        cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
-    one = solve_runs(Model.linear(), [replace(made.recording, **cut)]).states[0]
-    s = one.signals
-    t = s.t + one.run.origins.t
-    off = np.abs(s.v - made.truth.motion.velocity(t)) / s.v_std
+        channel = getattr(simulation.recording, name)
+        remaining = (channel.t < begin) | (channel.t > end)
+        cut[name] = replace(channel, t=channel.t[remaining], y=channel.y[remaining])
+    state = solve_runs(Model.linear(), [replace(simulation.recording, **cut)]).states[0]
+    s = state.signals
+    t = s.t + state.run.origins.t
+    off = np.abs(s.v - simulation.truth.motion.velocity(t)) / s.v_std
     beside = ((t > begin - 0.2) & (t < begin - 0.01)) | ((t > end + 0.01) & (t < end + 0.2))
     most = float(np.max(off[beside]))
     print(f"a hole of {hole} s in {' and '.join(channels)}: {most:.1f} standard deviations beside it (12)")
@@ -51,11 +51,11 @@ def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
 
 
 def test_a_record_that_breaks_off_every_second_is_fitted():
-    made = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
+    simulation = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
     cut = {}
     for name in ("accel", "position"):
-        channel = getattr(made.recording, name)
-        kept = channel.t % 1.0 > 0.15
-        cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
-    found = estimate(Model.linear(), replace(made.recording, **cut))
-    assert abs(found["scale_factor"].value - TRUTH["scale_factor"]) < 4.5 * found["scale_factor"].std
+        channel = getattr(simulation.recording, name)
+        remaining = channel.t % 1.0 > 0.15
+        cut[name] = replace(channel, t=channel.t[remaining], y=channel.y[remaining])
+    fit = estimate(Model.linear(), replace(simulation.recording, **cut))
+    assert abs(fit["scale_factor"].value - TRUTH["scale_factor"]) < 4.5 * fit["scale_factor"].std

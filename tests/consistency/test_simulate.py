@@ -160,8 +160,8 @@ def test_a_band_has_the_power_of_the_line_between_its_edges() -> None:
 
 def kurtosis(y: np.ndarray, t: np.ndarray) -> float:
     """Kurtosis of the band alone, where the envelope is not small."""
-    kept = y[np.abs(np.cos(2 * np.pi * 2.0 * t)) > 0.5]
-    return float(np.mean(kept**4) / np.mean(kept**2) ** 2)
+    remaining = y[np.abs(np.cos(2 * np.pi * 2.0 * t)) > 0.5]
+    return float(np.mean(remaining**4) / np.mean(remaining**2) ** 2)
 
 
 @pytest.mark.parametrize("lowpass", [None, LowPass(159.0)])
@@ -196,8 +196,8 @@ def test_encoder_reads_position_with_noise_and_rounding() -> None:
 
 def test_same_generator_same_record_and_other_noise_leaves_the_motion() -> None:
     def run(seed: int, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-        made = simulate("interleaved", seconds=5.0, rig=rig, parameters={}, rng=np.random.default_rng(seed))
-        return made.recording.accel.y, made.recording.position.y
+        simulation = simulate("interleaved", seconds=5.0, rig=rig, parameters={}, rng=np.random.default_rng(seed))
+        return simulation.recording.accel.y, simulation.recording.position.y
 
     first, again, other = run(1, ADXL105_RIG), run(1, ADXL105_RIG), run(1, CXL02_RIG)
     np.testing.assert_array_equal(first[0], again[0])

@@ -58,7 +58,7 @@ def test_aci_without_noise_integrates_the_held_control_exactly() -> None:
     g = (1 - k) * w + K2 * w**2 + K3 * w**3
     rng = np.random.default_rng(0)
     position_t = np.array([0.05, 0.55, 0.97])
-    made = matched_aci(
+    motion = matched_aci(
         control,
         position_t,
         np.array([1.0, -1.0, k, K0, K2, K3]),
@@ -67,15 +67,15 @@ def test_aci_without_noise_integrates_the_held_control_exactly() -> None:
         rng=rng,
     )
     # a dozen additions of numbers near one
-    np.testing.assert_allclose(made.recording.position.y, 1.0 - position_t + g * position_t**2 / 2, rtol=1e-13)
-    np.testing.assert_allclose(made.at(1.0)[:2], [g / 2, g - 1.0], atol=1e-13)
-    np.testing.assert_array_equal(made.at(0.97)[2:], [k, K0, K2, K3])
+    np.testing.assert_allclose(motion.recording.position.y, 1.0 - position_t + g * position_t**2 / 2, rtol=1e-13)
+    np.testing.assert_allclose(motion.at(1.0)[:2], [g / 2, g - 1.0], atol=1e-13)
+    np.testing.assert_array_equal(motion.at(0.97)[2:], [k, K0, K2, K3])
 
 
 def test_cwpa_reads_the_forward_model() -> None:
     t = np.arange(5) / 10.0
     k, K0, K2, K3 = 0.1, 0.5, 0.01, -0.02
-    made = matched_cwpa(
+    motion = matched_cwpa(
         t,
         t + 0.01,
         np.array([0.0, 0.0, 3.0, k, K0, K2, K3]),
@@ -85,14 +85,14 @@ def test_cwpa_reads_the_forward_model() -> None:
         rng=np.random.default_rng(0),
     )
     output = K0 + (1 + k) * 3.0 + K2 * 9.0 + K3 * 27.0
-    np.testing.assert_allclose(made.recording.accel.y, output, rtol=1e-15)  # one polynomial
-    np.testing.assert_allclose(made.recording.position.y, 1.5 * (t + 0.01) ** 2, rtol=1e-13)  # five steps
+    np.testing.assert_allclose(motion.recording.accel.y, output, rtol=1e-15)  # one polynomial
+    np.testing.assert_allclose(motion.recording.position.y, 1.5 * (t + 0.01) ** 2, rtol=1e-13)  # five steps
 
 
 def test_readings_carry_the_variance_that_was_asked_for() -> None:
     # 20 000 readings: ±4 sigma of a variance is ±4 %
     t = np.arange(20_000) / 1000.0
-    made = matched_cwpa(
+    motion = matched_cwpa(
         t,
         t,
         np.zeros(5),
@@ -101,5 +101,5 @@ def test_readings_carry_the_variance_that_was_asked_for() -> None:
         accel_variance=9.0,
         rng=np.random.default_rng(3),
     )
-    assert np.var(made.recording.position.y) == pytest.approx(4.0, rel=0.04)
-    assert np.var(made.recording.accel.y) == pytest.approx(9.0, rel=0.04)
+    assert np.var(motion.recording.position.y) == pytest.approx(4.0, rel=0.04)
+    assert np.var(motion.recording.accel.y) == pytest.approx(9.0, rel=0.04)

@@ -30,12 +30,12 @@ def record(seed: int, motion: str, tolerance: float, *, declared: bool, seconds:
     assert DECLARED is not None
     slower = 1.0 + tolerance * float(rng.standard_normal())
     built = replace(CXL02_RIG, lowpass=LowPass(DECLARED.cutoff / slower))
-    made = simulate(motion, seconds=seconds, rig=built, parameters=TRUTH, rng=rng)
-    said = replace(CXL02_RIG, lowpass=LowPass(DECLARED.cutoff, tolerance if declared else None))
-    return replace(made.recording, rig=said)
+    simulation = simulate(motion, seconds=seconds, rig=built, parameters=TRUTH, rng=rng)
+    rig = replace(CXL02_RIG, lowpass=LowPass(DECLARED.cutoff, tolerance if declared else None))
+    return replace(simulation.recording, rig=rig)
 
 
 def normalised(seed: int, motion: str, tolerance: float, *, declared: bool = True) -> list[float]:
     """Error over reported standard deviation of each of `NAMES`."""
-    found = estimate(Model.linear(), record(seed, motion, tolerance, declared=declared))
-    return [(found[name].value - TRUTH[name]) / found[name].std for name in NAMES]
+    fit = estimate(Model.linear(), record(seed, motion, tolerance, declared=declared))
+    return [(fit[name].value - TRUTH[name]) / fit[name].std for name in NAMES]

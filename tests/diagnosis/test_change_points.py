@@ -92,13 +92,13 @@ def test_each_fault_is_reported_with_time_and_size(kind, motion, rig):
         limit = 0.8 * float(np.max(np.abs(a.y)))
         at = float(a.t[np.argmax(np.abs(a.y) > limit)])
         bad, channel, time, size = output(good, np.clip(a.y, -limit, limit)), "accel", at, None
-    found = [f for f in faults(bad, prepare(bad)) if f.kind == kind and f.channel == channel]
-    assert found, kind
+    results = [f for f in faults(bad, prepare(bad)) if f.kind == kind and f.channel == channel]
+    assert results, kind
     # 0.6 s: a change of delay shows only while the stage moves
-    assert min(abs(f.time - time) for f in found) < (0.6 if kind == "dropped_samples" else 0.05)
+    assert min(abs(f.time - time) for f in results) < (0.6 if kind == "dropped_samples" else 0.05)
     if size is not None:
-        assert found[0].size == pytest.approx(size, rel=0.15)
-    print(found[0].sentence)
+        assert results[0].size == pytest.approx(size, rel=0.15)
+    print(results[0].sentence)
 
 
 @pytest.mark.parametrize("rate", [14e-6, 17e-6, 20e-6, -17e-6])

@@ -31,16 +31,17 @@ def record(regime: str, number: int, folder) -> ac.Recording:
 
 @pytest.mark.parametrize("regime", HONEST)
 def test_both_agree_on_an_honest_record(regime: str, tmp_path) -> None:
-    found = compared(regime, record(regime, 0, tmp_path))
+    comparison = compared(regime, record(regime, 0, tmp_path))
     print(
-        f"{regime}: {dict(zip(found['names'], np.round(found['sigma'], 2), strict=True))} (at most {ENGINES_APART:g})"
+        f"{regime}: {dict(zip(comparison['names'], np.round(comparison['sigma'], 2), strict=True))} "
+        f"(at most {ENGINES_APART:g})"
     )
-    assert found["sigma"]
-    assert worst(found) < ENGINES_APART
+    assert comparison["sigma"]
+    assert worst(comparison) < ENGINES_APART
 
 
 def test_they_agree_with_an_effect_in_the_model_and_two_runs() -> None:
-    made = [
+    records = [
         ac.simulate(
             motion,
             seconds=20.0,
@@ -50,10 +51,10 @@ def test_they_agree_with_an_effect_in_the_model_and_two_runs() -> None:
         ).recording
         for number, motion in enumerate(("interleaved", "tones"))
     ]
-    found = differences(solve_runs(ac.Model.linear().add("cubic"), made))
-    assert {"bias", "scale_factor", "cubic"} <= {one.name for one in found}
-    assert [one.run for one in found if one.name == "time_offset"] == [0, 1]
-    assert not [*engines(SimpleNamespace(differences=found))]
+    result = differences(solve_runs(ac.Model.linear().add("cubic"), records))
+    assert {"bias", "scale_factor", "cubic"} <= {item.name for item in result}
+    assert [item.run for item in result if item.name == "time_offset"] == [0, 1]
+    assert not [*engines(SimpleNamespace(differences=result))]
 
 
 def test_a_fault_of_the_replay_alone_is_the_first_thing_that_is_said(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,17 +71,17 @@ def test_a_fault_of_the_replay_alone_is_the_first_thing_that_is_said(tmp_path, m
     assert "othing is missing" not in after.sentence
     assert "othing else is missing" not in after.sentence
     moved = abs(after.fit["scale_factor"].value - fit["scale_factor"].value) / fit["scale_factor"].std
-    said = next(one for one in after.remarks if one.code == "engines_disagree")
-    print(f"moved by {moved:.1f} standard deviations, seen at {said.values['sigma']:.1f}")
+    note = next(remark for remark in after.remarks if remark.code == "engines_disagree")
+    print(f"moved by {moved:.1f} standard deviations, seen at {note.values['sigma']:.1f}")
     assert moved > 5.0
-    assert float(said.values["weak"]) == pytest.approx(fit["scale_factor"].value, abs=fit["scale_factor"].std)
+    assert float(note.values["weak"]) == pytest.approx(fit["scale_factor"].value, abs=fit["scale_factor"].std)
 
 
 def test_few_blocks_and_small_differences_count_for_less() -> None:
-    one = np.ones(1)
-    of_many = float(as_normal(5.0 * one, one, 1e6 * one, 0.1 * one)[0])
-    of_ten = float(as_normal(5.0 * one, one, 10.0 * one, 0.1 * one)[0])
-    of_small = float(as_normal(-0.3 * one, 1e-3 * one, 40.0 * one, ENGINES_LEAST_STD * one)[0])
+    ones = np.ones(1)
+    of_many = float(as_normal(5.0 * ones, ones, 1e6 * ones, 0.1 * ones)[0])
+    of_ten = float(as_normal(5.0 * ones, ones, 10.0 * ones, 0.1 * ones)[0])
+    of_small = float(as_normal(-0.3 * ones, 1e-3 * ones, 40.0 * ones, ENGINES_LEAST_STD * ones)[0])
     assert of_many == pytest.approx(5.0, abs=1e-3)
     assert 2.0 < of_ten < 4.0
     assert of_small == pytest.approx(-3.0)

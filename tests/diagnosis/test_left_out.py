@@ -59,30 +59,30 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
     """4 sigma of two parameters in 4 records: one false alarm in two thousand runs. The twin, a fit to every
     reading, is off by more."""
     bad, expected = faulty(kind, record("interleaved", RIGS[rig], 31))
-    found = verbs.fit(bad)
-    errors = [(found[name].value - value) / found[name].std for name, value in TRUTH.items()]
+    fit = verbs.fit(bad)
+    errors = [(fit[name].value - value) / fit[name].std for name, value in TRUTH.items()]
     every = estimate(Model.linear(), bad)
-    twin = max(abs(every[name].value - value) / found[name].std for name, value in TRUTH.items())
-    (gone,) = without_wrong_readings(bad).left_out
-    print(f"{kind} {rig}: {np.round(errors, 1)} sigma, {twin:.0f} with them; {gone.count} of {gone.of}")
+    twin = max(abs(every[name].value - value) / fit[name].std for name, value in TRUTH.items())
+    (fault,) = without_wrong_readings(bad).left_out
+    print(f"{kind} {rig}: {np.round(errors, 1)} sigma, {twin:.0f} with them; {fault.count} of {fault.of}")
     assert max(np.abs(errors)) < 4.0
     assert twin > 5.0
-    assert (gone.channel, gone.kind) == expected
-    told = [one.sentence for one in found.remarks if "are left out" in one.sentence]
-    assert len(told) == 1
-    assert f"{gone.count} of {gone.of} readings of {gone.channel}" in told[0]
-    assert found.tilt == 0.0
+    assert (fault.channel, fault.kind) == expected
+    messages = [remark.sentence for remark in fit.remarks if "are left out" in remark.sentence]
+    assert len(messages) == 1
+    assert f"{fault.count} of {fault.of} readings of {fault.channel}" in messages[0]
+    assert fit.tilt == 0.0
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_verdict_is_that_of_the_rest(kind):
     bad, (channel, code) = faulty(kind, record("interleaved", CXL02_RIG, 32))
-    found = verbs.diagnose(verbs.fit(bad), bad)
-    print(found.sentence)
-    assert found.verdict == "adequate"
-    assert found.effects == ()
-    assert [remark.code for remark in found.remarks if remark.place == "data"] == [code]
-    assert f"readings of {channel} " in found.suspect[0]
+    diagnosis = verbs.diagnose(verbs.fit(bad), bad)
+    print(diagnosis.sentence)
+    assert diagnosis.verdict == "adequate"
+    assert diagnosis.effects == ()
+    assert [remark.code for remark in diagnosis.remarks if remark.place == "data"] == [code]
+    assert f"readings of {channel} " in diagnosis.suspect[0]
 
 
 def test_a_hole_that_was_left_out_is_no_dropout():
@@ -94,15 +94,15 @@ def test_a_hole_that_was_left_out_is_no_dropout():
 def test_held_out_data_leave_them_out_and_say_so():
     good = record("interleaved", CXL02_RIG, 34)
     bad, _ = faulty("held", record("interleaved", CXL02_RIG, 35))
-    found = verbs.improve(good, holdout=bad, most=1)
+    improvement = verbs.improve(good, holdout=bad, most=1)
     clean = verbs.improve(good, holdout=record("interleaved", CXL02_RIG, 35), most=1)
-    rms = [step.steps[-1].heldout.coast_rms[1.0] for step in (found, clean)]
+    rms = [step.steps[-1].heldout.coast_rms[1.0] for step in (improvement, clean)]
     print(f"drift after 1 s {rms[0]:.3g} m, without the fault {rms[1]:.3g} m")
     assert rms[0] < 1.3 * rms[1]
-    assert any(text.startswith("held out, ") and "are left out" in text for text in found.diagnosis.suspect)
-    seen = verbs.compare(found.steps[0].fit, bad)[0]
-    assert len(seen.left_out) == 1
-    assert seen.coast_rms[1.0] < 1.3 * rms[1]
+    assert any(text.startswith("held out, ") and "are left out" in text for text in improvement.diagnosis.suspect)
+    evaluation = verbs.compare(improvement.steps[0].fit, bad)[0]
+    assert len(evaluation.left_out) == 1
+    assert evaluation.coast_rms[1.0] < 1.3 * rms[1]
 
 
 @pytest.mark.parametrize("filters", ["RC", "second order"])
@@ -114,8 +114,8 @@ def test_readings_beside_a_limit_go_as_far_as_the_filters_reach(filters):
     rig = replace(
         good.rig, lowpass=lowpass if filters == "RC" else None, output_filters=() if filters == "RC" else output
     )
-    (gone,) = without_wrong_readings(in_range(replace(changed(good, accel=y), rig=rig), limit)).left_out
-    begin, end = gone.stretches[0]
+    (fault,) = without_wrong_readings(in_range(replace(changed(good, accel=y), rig=rig), limit)).left_out
+    begin, end = fault.stretches[0]
     reach = 18.0 * lowpass.tau
     before, after = good.accel.t[10_000] - begin, end - good.accel.t[10_019]
     print(f"{filters}: {1e3 * before:.1f} ms before, {1e3 * after:.1f} ms after")
@@ -130,24 +130,25 @@ def test_an_element_at_its_limit_is_seen_through_the_low_pass():
     fine = np.arange(0.0, LENGTH, step / 20.0)
     force = np.where(abs(fine - 12.0) < 3.0, 8.0, 3.0) * np.sin(2.0 * np.pi * 20.0 * fine)
     clipped = np.clip(force, -limit, limit)
-    kept = np.exp(-step / 20.0 / lowpass.tau)
+    decay = np.exp(-step / 20.0 / lowpass.tau)
     lagged = np.empty_like(clipped)
     lagged[0] = 0.0
     for k in range(1, len(fine)):
-        lagged[k] = kept * lagged[k - 1] + (1.0 - kept) * 0.5 * (clipped[k] + clipped[k - 1])
+        lagged[k] = decay * lagged[k - 1] + (1.0 - decay) * 0.5 * (clipped[k] + clipped[k - 1])
     y = lagged[::20] + 1e-3 * np.random.default_rng(5).standard_normal(len(t))
     assert float(np.max(np.abs(y))) < 0.99 * limit
     good = in_range(record("tones", CXL02_RIG, 37, seconds=LENGTH), limit)
     bad = replace(good, accel=Channel("accel", t, y, "m/s^2"))
     declared, undeclared = (
-        without_wrong_readings(replace(bad, rig=replace(bad.rig, lowpass=one))).left_out for one in (lowpass, None)
+        without_wrong_readings(replace(bad, rig=replace(bad.rig, lowpass=filters))).left_out
+        for filters in (lowpass, None)
     )
     assert undeclared == ()
-    (gone,) = declared
-    print(gone.stretches[0], gone.stretches[-1])
-    assert gone.kind == "saturated"
-    assert gone.stretches[0][0] == pytest.approx(9.0, abs=20.0 * lowpass.tau)
-    assert gone.stretches[-1][1] == pytest.approx(15.0, abs=20.0 * lowpass.tau)
+    (fault,) = declared
+    print(fault.stretches[0], fault.stretches[-1])
+    assert fault.kind == "saturated"
+    assert fault.stretches[0][0] == pytest.approx(9.0, abs=20.0 * lowpass.tau)
+    assert fault.stretches[-1][1] == pytest.approx(15.0, abs=20.0 * lowpass.tau)
 
 
 def coarse(good):
@@ -216,9 +217,9 @@ HONEST = (
 
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("motion", ["interleaved", "rests", "tones"])
-@pytest.mark.parametrize("made", HONEST, ids=lambda made: made.__name__)
-def test_honest_records_lose_nothing(made, motion, rig):
-    if made is touched_at_rest and motion == "tones":
+@pytest.mark.parametrize("build", HONEST, ids=lambda build: build.__name__)
+def test_honest_records_lose_nothing(build, motion, rig):
+    if build is touched_at_rest and motion == "tones":
         pytest.skip("no rest")
-    kept = made(record(motion, RIGS[rig], 38))
-    assert without_wrong_readings(kept) is kept
+    remaining = build(record(motion, RIGS[rig], 38))
+    assert without_wrong_readings(remaining) is remaining

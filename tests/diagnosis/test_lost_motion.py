@@ -169,9 +169,11 @@ def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatc
     state = state_at(base, 0, prepare(recording))
     alone = scan([state], base.model, only=[effect])
     assert alone.candidates[0].snr > 10.0
-    assert alone.found[0].shape["width"] > abs(size.value) / 1.5
-    one = 2.0 / 3.0 * count**2  # variance step²/6 of a column that changes by one where a rest begins, by half of d
-    monkeypatch.setattr(scores, "rounding_variances", lambda terms, runs, power: np.full(len(terms), one))
+    assert alone.detected[0].shape["width"] > abs(size.value) / 1.5
+    unit_variance = (
+        2.0 / 3.0 * count**2
+    )  # variance step²/6 of a column that changes by one where a rest begins, by half of d
+    monkeypatch.setattr(scores, "rounding_variances", lambda terms, runs, power: np.full(len(terms), unit_variance))
     assert scan([state], base.model, only=[effect]).candidates[0].snr < 5.0  # 5.3 enters among 180 candidates
 
 

@@ -66,9 +66,9 @@ def test_two_motions_are_not_one_axis(seed: int) -> None:
 @pytest.mark.parametrize("motion", [None, 100])
 @pytest.mark.parametrize("size", [1e-3, 1e-2])
 def test_a_motion_below_the_noise_says_nothing(size: float, motion: int | None) -> None:
-    found = record(1, size=size, noise=0.06, motion=motion)
-    require_one_axis([found])
-    assert all(band.least == 0.0 for band in coherence_by_band(found))
+    recording = record(1, size=size, noise=0.06, motion=motion)
+    require_one_axis([recording])
+    assert all(band.least == 0.0 for band in coherence_by_band(recording))
 
 
 def test_a_motion_so_far_beyond_the_noise_that_the_coherence_rounds_to_one_is_one_axis() -> None:
@@ -78,11 +78,11 @@ def test_a_motion_so_far_beyond_the_noise_that_the_coherence_rounds_to_one_is_on
 
 
 def test_a_part_is_judged_by_itself_and_a_swapped_sign_is_related() -> None:
-    found = record(2, effect="half")
+    recording = record(2, effect="half")
     with pytest.raises(RecordingError, match="not one axis"):
-        require_one_axis([found], start=0.45 * SECONDS)
-    reversed_output = dataclasses.replace(found.accel, y=-found.accel.y)
-    require_one_axis([dataclasses.replace(found, accel=reversed_output)], end=0.4 * SECONDS)
+        require_one_axis([recording], start=0.45 * SECONDS)
+    reversed_output = dataclasses.replace(recording.accel, y=-recording.accel.y)
+    require_one_axis([dataclasses.replace(recording, accel=reversed_output)], end=0.4 * SECONDS)
 
 
 def test_every_verb_refuses_before_it_names_a_mount() -> None:
@@ -92,7 +92,7 @@ def test_every_verb_refuses_before_it_names_a_mount() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "noise", "said"),
+    ("factor", "noise", "text"),
     [
         (-1.03, 0.02, 'mount = "reversed"'),
         (-0.6, 0.5, 'mount = "reversed"'),
@@ -101,8 +101,8 @@ def test_every_verb_refuses_before_it_names_a_mount() -> None:
         (-1.0, 30.0, "not one axis of one body"),  # coherence of a tenth
     ],
 )
-def test_a_mount_is_named_only_where_it_explains_the_factor(factor: float, noise: float, said: str) -> None:
-    found = record(11, noise=0.0)
-    y = factor * found.accel.y + noise * np.random.default_rng(12).standard_normal(len(found.accel))
-    with pytest.raises(RecordingError, match=said):
-        ac.fit(dataclasses.replace(found, accel=dataclasses.replace(found.accel, y=y)))
+def test_a_mount_is_named_only_where_it_explains_the_factor(factor: float, noise: float, text: str) -> None:
+    recording = record(11, noise=0.0)
+    y = factor * recording.accel.y + noise * np.random.default_rng(12).standard_normal(len(recording.accel))
+    with pytest.raises(RecordingError, match=text):
+        ac.fit(dataclasses.replace(recording, accel=dataclasses.replace(recording.accel, y=y)))

@@ -34,7 +34,7 @@ def record(seed, *, process=0.0, tau=20.0, sensor=1.0, seconds=300.0):
     return ac.Recording(Channel("accel", t, y, "m/s²"), Channel("position", u, z, "m"), rig=rig, name="run.csv")
 
 
-def said(recording):
+def remark_on(recording):
     """The remark on a record, whatever its noise is over that of the data sheet."""
     scan, span = SimpleNamespace(enough=True), (0.0, float(recording.position.t[-1]))
     evidence = SimpleNamespace(fit=ac.fit(recording), recording=recording, sources=[recording], span=span, scan=scan)
@@ -45,30 +45,30 @@ def said(recording):
 
 def test_coloured_noise_is_found_with_the_intensity_of_its_random_walk():
     # Odds of e^6 to 1: by Whittle's likelihood 8 of 8 here; a record in a hundred may miss.
-    found = [said(record(seed, process=0.015)) for seed in range(8)]
-    assert sum(one is not None for one in found) >= 7
+    results = [remark_on(record(seed, process=0.015)) for seed in range(8)]
+    assert sum(test is not None for test in results) >= 7
     # Above its corner only the variance over the correlation time shows.
-    ratio = [one.values["rms"] ** 2 / one.values["tau"] for one in found if one is not None]
+    ratio = [test.values["rms"] ** 2 / test.values["tau"] for test in results if test is not None]
     assert np.median(ratio) == pytest.approx(0.015**2 / 20.0, rel=0.4)
 
 
 @pytest.mark.parametrize("more", [{}, {"sensor": 3.0}])
 def test_white_noise_of_either_channel_is_not_coloured(more):
     # Odds of e^6 to 1 against: none in 8 records, once in 50 runs of this test at the most.
-    assert [said(record(100 + seed, **more)) for seed in range(8)] == [None] * 8
+    assert [remark_on(record(100 + seed, **more)) for seed in range(8)] == [None] * 8
 
 
 def test_the_verdict_blames_the_position_and_not_the_sensor():
-    found = ac.improve(record(3, process=0.015))
-    assert (found.verdict, found.effects) == ("adequate", ())
-    assert "coloured_position" in [remark.code for remark in found.diagnosis.remarks]
-    assert "The noise of the position is not white" in found.sentence
-    assert "data sheet" not in found.sentence
+    improvement = ac.improve(record(3, process=0.015))
+    assert (improvement.verdict, improvement.effects) == ("adequate", ())
+    assert "coloured_position" in [remark.code for remark in improvement.diagnosis.remarks]
+    assert "The noise of the position is not white" in improvement.sentence
+    assert "data sheet" not in improvement.sentence
     noisy = ac.improve(record(3, sensor=3.0))
     assert noisy.verdict == "unexplained"
     assert "times the sensor noise of the data sheet" in noisy.sentence
 
 
 def test_without_a_declared_noise_nothing_is_compared():
-    made = record(1, process=0.015, seconds=60.0)
-    assert said(dataclasses.replace(made, rig=Rig())) is None
+    recording = record(1, process=0.015, seconds=60.0)
+    assert remark_on(dataclasses.replace(recording, rig=Rig())) is None

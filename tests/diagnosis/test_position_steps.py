@@ -48,10 +48,10 @@ def test_estimates_are_those_of_the_record_without_the_jump():
 
 
 def test_the_jump_is_named_and_nothing_else():
-    found = ac.improve(zeroed(record(6)))
-    assert found.effects == (POSITION_JUMPS,)
-    assert any("stays" in text for text in found.diagnosis.suspect)
-    assert found.diagnosis.sizes[POSITION_JUMPS].at_encoder
+    improvement = ac.improve(zeroed(record(6)))
+    assert improvement.effects == (POSITION_JUMPS,)
+    assert any("stays" in text for text in improvement.diagnosis.suspect)
+    assert improvement.diagnosis.sizes[POSITION_JUMPS].at_encoder
 
 
 def test_held_out_errors_are_those_of_the_record_without_the_jump():
@@ -74,7 +74,7 @@ def test_no_jump_is_found_where_there_is_none():
 
 def test_two_jumps_are_both_found_at_their_first_reading():
     plain = record(9)
-    found = Examined(zeroed(zeroed(plain, 20.0), 41.0)).source.recording.position_steps
+    position_steps = Examined(zeroed(zeroed(plain, 20.0), 41.0)).source.recording.position_steps
     t = plain.position.t
-    assert [step.time for step in found] == [t[np.searchsorted(t, at)] for at in (20.0, 41.0)]
-    assert max(step.p_value for step in found) < 1e-6
+    assert [step.time for step in position_steps] == [t[np.searchsorted(t, at)] for at in (20.0, 41.0)]
+    assert max(step.p_value for step in position_steps) < 1e-6

@@ -17,14 +17,14 @@ def gaps(count, length=0.1):
 
 
 def test_many_gaps_are_one_remark_with_count_share_and_the_longest():
-    (said,) = fault_remarks(gaps(130, 1e-3), 1000.0, "run")
+    (message,) = fault_remarks(gaps(130, 1e-3), 1000.0, "run")
     longest, total = 0.130, 1e-3 * 130 * 131 / 2
-    assert said.code == "dropout"
-    assert said.values["count"] == 130
-    assert said.values["share"] == pytest.approx(100.0 * total / 1000.0)
-    assert (said.values["longest"], said.values["time"]) == (pytest.approx(longest), 129.0)
-    assert "130 gaps" in said.sentence
-    assert "0.13 s" in said.sentence
+    assert message.code == "dropout"
+    assert message.values["count"] == 130
+    assert message.values["share"] == pytest.approx(100.0 * total / 1000.0)
+    assert (message.values["longest"], message.values["time"]) == (pytest.approx(longest), 129.0)
+    assert "130 gaps" in message.sentence
+    assert "0.13 s" in message.sentence
 
 
 def test_few_gaps_have_their_own_sentences_and_other_channels_their_own_remark():

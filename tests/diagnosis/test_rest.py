@@ -40,19 +40,19 @@ def sine(size, frequency):
 @pytest.mark.parametrize("output_noise", [1e-3, 0.06])
 def test_rest_is_rest_whatever_the_noise(position_noise, output_noise):
     for seed in range(10):
-        made = record(still, seed, position_noise=position_noise, output_noise=output_noise, seconds=8.0)
-        assert at_rest(prepare(made))
+        recording = record(still, seed, position_noise=position_noise, output_noise=output_noise, seconds=8.0)
+        assert at_rest(prepare(recording))
 
 
 def test_a_steady_drift_of_the_position_is_rest_and_coloured_noise_of_it_too():
     drift = record(lambda t: (1e-4 * t, np.zeros_like(t)), 1)
     assert at_rest(prepare(drift))
     rng = np.random.default_rng(2)
-    made = record(still, 2, position_noise=5e-3, rates=(100.3, 10.0), seconds=200.0, step=None)
-    steps = 0.01 * np.sqrt(2 * 0.1 / 20.0) * rng.standard_normal(len(made.position))
+    recording = record(still, 2, position_noise=5e-3, rates=(100.3, 10.0), seconds=200.0, step=None)
+    steps = 0.01 * np.sqrt(2 * 0.1 / 20.0) * rng.standard_normal(len(recording.position))
     coloured = np.array([y := 0.0, *(y := y * np.exp(-0.1 / 20.0) + s for s in steps[1:])])
-    y = made.position.y + coloured
-    assert at_rest(prepare(dataclasses.replace(made, position=dataclasses.replace(made.position, y=y))))
+    y = recording.position.y + coloured
+    assert at_rest(prepare(dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))))
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,14 @@ def test_motion_that_either_channel_sees_is_no_rest(motion, more):
 
 
 def test_the_verbs_refuse_a_record_at_rest_before_any_fit():
-    made = record(still, 4, seconds=8.0)
+    recording = record(still, 4, seconds=8.0)
     for verb in (ac.improve, lambda run: ac.fit(run)):
         with pytest.raises(
             ac.NotIdentifiable, match=r"^run\.csv: at rest throughout.*Record a run in which the stage moves"
         ):
-            verb(made)
+            verb(recording)
     # A bias alone can be estimated at rest.
-    held = ac.fit(made, ac.Model.linear().freeze(scale_factor=0.0, time_offset=0.0))
+    held = ac.fit(recording, ac.Model.linear().freeze(scale_factor=0.0, time_offset=0.0))
     assert held["bias"].value == pytest.approx(0.1, abs=5.0 * held["bias"].std)
 
 
@@ -90,9 +90,9 @@ def test_a_motion_that_the_noise_hides_is_not_excited(rate, noise, seed):
     sines = 3e-5 * np.sin(w * t + rng.uniform(0.0, 6.0, (3, 1)))
     u = 0.02 + 1.01 * np.sum(-(w**2) * sines, axis=0) + noise * rng.standard_normal(len(t))
     z = np.sum(sines, axis=0) + 2e-8 * rng.standard_normal(len(t))
-    made = ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=ac.Rig(axis="level"))
+    recording = ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=ac.Rig(axis="level"))
     # where the iteration ends depends on the last bits of the processor's functions: refused, or told with its doubt
     with contextlib.suppress(ac.NotIdentifiable):
-        k = ac.fit(made)["scale_factor"]
+        k = ac.fit(recording)["scale_factor"]
         assert abs(k.value - 0.01) < 4.0 * k.std
         assert k.std > 0.05

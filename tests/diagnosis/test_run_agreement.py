@@ -26,9 +26,9 @@ def runs(scales: tuple[float, ...]) -> list[Recording]:
 
 @pytest.mark.parametrize("departs", [True, False])
 def test_the_recording_that_disagrees_is_said(departs: bool) -> None:
-    found = ac.fit(runs((0.01, 0.02 if departs else 0.01, 0.01)))
-    said = [one.sentence for one in found.remarks if one.code == "runs_disagree"]
-    assert bool(said) == departs
+    fit = ac.fit(runs((0.01, 0.02 if departs else 0.01, 0.01)))
+    messages = [remark.sentence for remark in fit.remarks if remark.code == "runs_disagree"]
+    assert bool(messages) == departs
     if departs:
-        assert "scale_factor" in said[0]
-        assert "cannot be distinguished" in said[0]
+        assert "scale_factor" in messages[0]
+        assert "cannot be distinguished" in messages[0]

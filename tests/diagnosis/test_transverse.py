@@ -14,8 +14,8 @@ def trial(
     rng: np.random.Generator, sensitivity: float, through_motion: float = 0.0
 ) -> list[tuple[float, float, float]]:
     """Bands with their p-values, of a residual that follows the side channel between 5 and 8 Hz."""
-    a, own = rng.standard_normal((2, len(T)))
-    side = own + through_motion * a
+    a, scatter = rng.standard_normal((2, len(T)))
+    side = scatter + through_motion * a
     passing = scipy.signal.butter(2, [5.0, 8.0], "bandpass", fs=500.0, output="sos")
     residual = sensitivity * scipy.signal.sosfilt(passing, side) + 0.5 * a + 0.2 * rng.standard_normal(len(T))
     return [(band.low, band.high, band.p_value) for band in coherent_bands("a_y", side, T, residual, a, 50.0)]

@@ -40,34 +40,37 @@ def turned(recording, degrees, seed=6, slow=0.3, fast=1.5):
     return dataclasses.replace(recording, accel=dataclasses.replace(accel, y=y))
 
 
-def codes(found):
-    return [remark.code for remark in found.diagnosis.remarks]
+def codes(result):
+    return [remark.code for remark in result.diagnosis.remarks]
 
 
 @pytest.mark.parametrize("degrees", [0.4, 3.0])
 def test_a_turning_sensor_is_said_with_its_tilt_and_nothing_is_named(degrees):
-    found = ac.improve(turned(record(), degrees))
-    assert (found.verdict, found.diagnosis.verdict) == ("unexplained", "unexplained")
-    assert (found.effects, found.found) == ((), ())
-    said = found.diagnosis.remarks[0]
-    assert said.code == "turning_sensor"
+    improvement = ac.improve(turned(record(), degrees))
+    assert (improvement.verdict, improvement.diagnosis.verdict) == ("unexplained", "unexplained")
+    assert (improvement.effects, improvement.detected) == ((), ())
+    note = improvement.diagnosis.remarks[0]
+    assert note.code == "turning_sensor"
     # Ten seconds of 0.3 to 1.5 Hz have twenty-five independent angles: 16 % of scatter.
-    assert said.values["tilt_deg"] == pytest.approx(degrees, rel=0.6)
-    assert found.sentence.startswith("A tilt of ")
-    assert "degrees rms or a slow drift of either channel would explain all of it; orientation is not" in found.sentence
+    assert note.values["tilt_deg"] == pytest.approx(degrees, rel=0.6)
+    assert improvement.sentence.startswith("A tilt of ")
+    assert (
+        "degrees rms or a slow drift of either channel would explain all of it; orientation is not"
+        in improvement.sentence
+    )
 
 
 def test_a_tilt_below_the_bias_instability_is_none():
-    made = turned(record(), 0.4)  # 0.07 m/s² rms
-    lax = dataclasses.replace(made.rig, sensor=dataclasses.replace(made.rig.sensor, bias_instability=0.2))
-    assert "turning_sensor" not in codes(ac.improve(dataclasses.replace(made, rig=lax), most=0))
+    tilted = turned(record(), 0.4)  # 0.07 m/s² rms
+    lax = dataclasses.replace(tilted.rig, sensor=dataclasses.replace(tilted.rig.sensor, bias_instability=0.2))
+    assert "turning_sensor" not in codes(ac.improve(dataclasses.replace(tilted, rig=lax), most=0))
     assert "turning_sensor" not in codes(ac.improve(turned(record(), 0.02), most=0))
 
 
 def test_what_an_effect_of_the_motion_explains_is_named_as_ever():
-    found = ac.improve(record(quadratic=0.02))  # far above the bias instability below 2 Hz
-    assert found.effects[0] == "quadratic"
-    assert "turning_sensor" not in codes(found)
+    improvement = ac.improve(record(quadratic=0.02))  # far above the bias instability below 2 Hz
+    assert improvement.effects[0] == "quadratic"
+    assert "turning_sensor" not in codes(improvement)
 
 
 def test_the_noise_of_a_poor_sensor_is_no_tilt():
@@ -100,9 +103,9 @@ def rig_of_tones(seed, disturbed=lambda t: 0.0, *, reference="position", seconds
     sines = np.sin(np.outer(w, t) + rng.uniform(0.0, 6.0, (5, 1)))
     p, a = size @ sines, -(size * w**2) @ sines
     u = 0.1 + 1.01 * a + disturbed(t) + 1e-3 * rng.standard_normal(len(t))
-    seen = {"position": (p, 1e-6, "m"), "reference_acceleration": (a, 1e-3, "m/s^2")}[reference]
-    z = seen[0] + seen[1] * rng.standard_normal(len(t))
-    units = {"accel": "m/s^2", reference: seen[2]}
+    channel = {"position": (p, 1e-6, "m"), "reference_acceleration": (a, 1e-3, "m/s^2")}[reference]
+    z = channel[0] + channel[1] * rng.standard_normal(len(t))
+    units = {"accel": "m/s^2", reference: channel[2]}
     return ac.Recording.from_arrays(t, u, z, units=units, reference=reference, rig=Rig(axis="level"), name="run.csv")
 
 
@@ -112,11 +115,11 @@ def touched(*instants):
 
 
 def test_a_reference_that_feels_gravity_too_leaves_no_tilt():
-    made = rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t), reference="reference_acceleration")
-    found = ac.fit(made)
-    assert found.tilt == 0.0
-    assert not any("tilt" in one.sentence for one in found.remarks)
-    judged = ac.diagnose(found, made)
+    recording = rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t), reference="reference_acceleration")
+    fit = ac.fit(recording)
+    assert fit.tilt == 0.0
+    assert not any("tilt" in note.sentence for note in fit.remarks)
+    judged = ac.diagnose(fit, recording)
     assert not {"turning_sensor", "tilt_or_drift"} & {remark.code for remark in judged.remarks}
     assert judged.verdict != "adequate"
     same = ac.fit(rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t)))
@@ -125,29 +128,29 @@ def test_a_reference_that_feels_gravity_too_leaves_no_tilt():
 
 @pytest.mark.parametrize("instants", [(14.0,), (29.5,)])
 def test_a_touched_cable_is_a_stretch_and_no_tilt(instants):
-    made = rig_of_tones(2, touched(*instants))
-    found = ac.fit(made)
-    assert found.tilt == 0.0
-    assert found.remarks[0].sentence.startswith("run.csv: something disturbed the record between ")
-    judged = ac.improve(made, holdout=made)
+    recording = rig_of_tones(2, touched(*instants))
+    result = ac.fit(recording)
+    assert result.tilt == 0.0
+    assert result.remarks[0].sentence.startswith("run.csv: something disturbed the record between ")
+    judged = ac.improve(recording, holdout=recording)
     assert (judged.verdict, judged.effects) == ("adequate", ())
     note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")
     assert note.sentence in judged.diagnosis.suspect
     ((begin, end),) = stretches_of(note)
     assert begin < instants[0] < end < begin + 2.5
     for name, truth in (("bias", 0.1), ("scale_factor", 0.01)):
-        for fit in (found, judged.steps[-1].fit):
+        for fit in (result, judged.steps[-1].fit):
             assert abs(fit[name].value - truth) < 4.5 * fit[name].std
     # The call of the sentence works, and what it leaves is judged without it.
     stretches = note.sentence.partition("; without that: recording.without")[2]
-    rest = made.without(*ast.literal_eval(f"[{stretches[1:-1]}]"))
-    assert ac.fit(rest)["bias"].value == pytest.approx(found["bias"].value, abs=1e-4)
+    rest = recording.without(*ast.literal_eval(f"[{stretches[1:-1]}]"))
+    assert ac.fit(rest)["bias"].value == pytest.approx(result["bias"].value, abs=1e-4)
 
 
 def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
     for disturbed in (touched(3.0, 11.0, 19.0, 27.0, 35.0), lambda t: 0.1 * (np.abs(t - 20.0) < 5.0)):
-        found = ac.fit(rig_of_tones(3, disturbed))
-        assert found.remarks[0].sentence.startswith("A tilt of ")
+        fit = ac.fit(rig_of_tones(3, disturbed))
+        assert fit.remarks[0].sentence.startswith("A tilt of ")
 
 
 @pytest.mark.parametrize(
@@ -158,8 +161,8 @@ def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
     ],
 )
 def test_a_drift_of_the_bias_is_named_with_a_tilt_in_its_class(name, drift):
-    made = rig_of_tones(4, drift)
-    judged = ac.diagnose(ac.fit(made), made)
+    recording = rig_of_tones(4, drift)
+    judged = ac.diagnose(ac.fit(recording), recording)
     assert judged.effects[0] == name
     assert {name, "tilt"} <= set(judged.classes[0].members)
     assert "tilt_or_drift" in {remark.code for remark in judged.remarks}
@@ -177,26 +180,26 @@ def test_a_board_in_a_hand_turns(tmp_path):
         'position = { column = "position_y", unit = "m" }\n'
     )
     whole = real("broad_trial15", path)
-    found = ac.improve(whole.part(whole.position.t[0], float(np.mean(whole.position.t[[0, -1]]))))
-    assert (found.verdict, found.effects) == ("unexplained", ())
-    assert codes(found)[0] == "turning_sensor"
+    improvement = ac.improve(whole.part(whole.position.t[0], float(np.mean(whole.position.t[[0, -1]]))))
+    assert (improvement.verdict, improvement.effects) == ("unexplained", ())
+    assert codes(improvement)[0] == "turning_sensor"
 
 
 @pytest.mark.parametrize("name", ["15npmm_6mps_trial1", "ext_ret_trial1", "ext_ret_trial2"])
 def test_an_impactor_is_late_and_its_relation_breaks(name):
     """The encoder reads the compression of a spring, a quarter of the way: no name stands beside such a scale."""
     rig = ROOT / "tests" / "real" / f"cyberdiver_{name}.toml"
-    found = ac.improve(real(f"cyberdiver_{name}", rig))
-    assert (found.verdict, found.effects) == ("unexplained", ())
-    assert codes(found)[0] == "implausible_scale"
-    assert len(found.diagnosis.breaks) == 1
-    delay = found.best["time_offset"]
+    improvement = ac.improve(real(f"cyberdiver_{name}", rig))
+    assert (improvement.verdict, improvement.effects) == ("unexplained", ())
+    assert codes(improvement)[0] == "implausible_scale"
+    assert len(improvement.diagnosis.breaks) == 1
+    delay = improvement.best["time_offset"]
     assert 2e-4 < delay.value < 3.5e-4
     assert delay.value > 20.0 * delay.std
 
 
 @pytest.mark.parametrize("name", ["rocket_gw1_airbrakes_bay", "rocket_gw1_nosecone", "rocket_jackpot4"])
 def test_a_rocket_shows_no_effect_of_the_sensor(name):
-    found = ac.improve(real(name, ROOT / "tests" / "real" / f"{name}.toml"))
-    assert found.effects == ()
-    assert found.verdict == "too_short" or found.diagnosis.suspect
+    improvement = ac.improve(real(name, ROOT / "tests" / "real" / f"{name}.toml"))
+    assert improvement.effects == ()
+    assert improvement.verdict == "too_short" or improvement.diagnosis.suspect

@@ -33,7 +33,7 @@ def recording(seed, tau=0.0, delay=0.0, resonance=0.0, q=0.3**-1):
     )
 
 
-def said(run):
+def diagnosis_and_remark(run):
     fit = ac.fit(run)
     diagnosis = ac.diagnose(fit, run)
     return diagnosis, next((note for note in diagnosis.remarks if note.code.startswith("undeclared_")), None)
@@ -42,7 +42,7 @@ def said(run):
 @pytest.mark.parametrize("tau", [0.012, 0.03])
 def test_a_slow_low_pass_is_said_and_nothing_is_named_until_it_is_declared(tau):
     run = recording(1, tau)
-    diagnosis, note = said(run)
+    diagnosis, note = diagnosis_and_remark(run)
     assert note is not None, diagnosis.sentence
     assert not diagnosis.effects
     assert diagnosis.verdict == "unexplained"
@@ -51,21 +51,21 @@ def test_a_slow_low_pass_is_said_and_nothing_is_named_until_it_is_declared(tau):
     assert diagnosis.sentence.endswith("declare it, fit again, and see what is left.")
     corner = LowPass(note.values["corner"], 0.1)
     declared = replace(run, rig=replace(run.rig, lowpass=corner))
-    after, none = said(declared)
+    after, none = diagnosis_and_remark(declared)
     assert none is None
     assert after.verdict == "adequate"
     assert abs(after.fit["scale_factor"].value - 0.012) < 4.0 * after.fit["scale_factor"].std
 
 
 def test_what_is_no_low_pass_is_not_said_to_be():
-    diagnosis, note = said(recording(2, delay=0.012))
+    diagnosis, note = diagnosis_and_remark(recording(2, delay=0.012))
     assert note is None, diagnosis.sentence
 
 
 @pytest.mark.parametrize(("f0", "q"), [(25.0, 4.0), (9.0, 8.0)])
 def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_declared(f0, q):
     run = recording(3, resonance=f0, q=q)
-    diagnosis, note = said(run)
+    diagnosis, note = diagnosis_and_remark(run)
     assert note is not None, diagnosis.sentence
     assert note.code == "undeclared_resonance"
     assert not diagnosis.effects
@@ -76,7 +76,7 @@ def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_de
     stds = []
     for tolerance in (None, share):
         resonance = ChannelFilter("resonance", cutoff=note.values["f0"], quality=note.values["q"], tolerance=tolerance)
-        after, none = said(replace(run, rig=replace(run.rig, output_filters=(resonance,))))
+        after, none = diagnosis_and_remark(replace(run, rig=replace(run.rig, output_filters=(resonance,))))
         assert none is None
         assert after.verdict == "adequate"
         assert abs(after.fit["scale_factor"].value - 0.012) < 4.0 * after.fit["scale_factor"].std
@@ -88,6 +88,6 @@ def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_de
 def test_what_clocks_may_disagree_by_is_in_the_frequency_of_a_resonance():
     """A delay behind it takes part in both coefficients of its inverse."""
     run = recording(3, resonance=25.0, q=5.0, delay=8e-4)
-    _, note = said(replace(run, rig=replace(run.rig, offset_tolerance=8e-4)))
+    _, note = diagnosis_and_remark(replace(run, rig=replace(run.rig, offset_tolerance=8e-4)))
     assert note is not None
     assert abs(note.values["f0"] - 25.0) < 3.0 * note.values["f0_std"]

@@ -39,5 +39,5 @@ def text_of(page: str) -> str:
 
 def examples(page: str) -> Iterator[Example]:
     """Yield the blocks of a page of `docs`."""
-    for found in FENCE.finditer(text_of(page)):
-        yield Example(found["language"], found["text"], found["file"] or "")
+    for result in FENCE.finditer(text_of(page)):
+        yield Example(result["language"], result["text"], result["file"] or "")

@@ -62,8 +62,8 @@ def flat(text: str) -> str:
 def cited(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """File and label of every citation."""
     for name, text in sources.items():
-        for found in CITED.finditer(flat(text)):
-            yield from ((name, label) for label in LABEL.findall(found[1]))
+        for result in CITED.finditer(flat(text)):
+            yield from ((name, label) for label in LABEL.findall(result[1]))
 
 
 def labels(page: str) -> set[str]:
@@ -87,7 +87,7 @@ def unknown(sources: Mapping[str, str], page: str) -> list[str]:
 
 def outside(sources: Mapping[str, str]) -> list[str]:
     """Citations of documents that the repository does not hold."""
-    return [f"{name}: {found[0]}" for name, text in sources.items() for found in ABSENT.finditer(flat(text))]
+    return [f"{name}: {result[0]}" for name, text in sources.items() for result in ABSENT.finditer(flat(text))]
 
 
 def test_every_cited_derivation_exists():

@@ -67,19 +67,19 @@ def prepare(page, folder):
     if page != "your-data":
         return
     for name, mount in (("reversed", "reversed"), ("run12", "normal"), ("normal", "normal")):
-        made = ac.simulate(
+        simulation = ac.simulate(
             "interleaved",
             seconds=70.0,
             rig=replace(CXL02_RIG, mount=mount),
             parameters={"bias": 0.05, "scale_factor": 0.01},
             rng=np.random.default_rng(len(name)),
         )
-        sidecar = write_recording(made.recording, folder / f"{name}.csv")
+        sidecar = write_recording(simulation.recording, folder / f"{name}.csv")
         if name == "run12":
             sidecar.unlink()  # the page writes it
     for name, channel, header, late in (
-        ("accel", made.recording.accel, "t_s,accel_m_per_s2", 37.2),
-        ("encoder", made.recording.position, "t_s,position_m", 0.0),
+        ("accel", simulation.recording.accel, "t_s,accel_m_per_s2", 37.2),
+        ("encoder", simulation.recording.position, "t_s,position_m", 0.0),
     ):
         rows = np.column_stack([channel.t + late, channel.y])
         np.savetxt(folder / f"{name}.csv", rows, "%.9f", ",", header=header, comments="")
@@ -114,7 +114,7 @@ def alike(printed, shown):
 @pytest.mark.parametrize("page", PAGES)
 def test_examples_run_in_the_order_of_the_page(page, tmp_path):
     prepare(page, tmp_path)
-    runnable = [each for each in examples(page) if each.language in ("sh", "python") or each.file]
+    runnable = [item for item in examples(page) if item.language in ("sh", "python") or item.file]
     assert runnable
     printed = ""
     for example in examples(page):

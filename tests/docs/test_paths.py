@@ -33,10 +33,10 @@ def quoted(text: str) -> Iterator[str]:
 
 def paths(text: str) -> set[str]:
     """Paths that a page names, in code or in a link."""
-    found = {p for part in quoted(text) for p in PATH.findall(part.partition("::")[0])}
+    results = {p for part in quoted(text) for p in PATH.findall(part.partition("::")[0])}
     return {
         p
-        for p in found
+        for p in results
         if re.search(r"\.(py|rs|md|toml|txt|csv|sh|png|c|ipynb)$|^(tests|docs|crates|python|benches)/", p)
     }
 

@@ -16,21 +16,21 @@ def known_and_given(texts, folder, monkeypatch):
 
     A nested table is reached when the page gives one; a page without it lacks the key that holds it.
     """
-    known, given = {}, {}
+    declared, given = {}, {}
     check = sidecar._table
 
-    def watched(found, where, checks):
+    def watched(result, where, checks):
         keys = tuple(sorted(set(checks) - {sidecar._ANY_OTHER}))
-        known[keys] = set(keys)
-        given.setdefault(keys, set()).update(set(found) & set(keys))
-        return check(found, where, checks)
+        declared[keys] = set(keys)
+        given.setdefault(keys, set()).update(set(result) & set(keys))
+        return check(result, where, checks)
 
     monkeypatch.setattr(sidecar, "_table", watched)
     for number, text in enumerate(texts):
         path = folder / f"{number}.toml"
         path.write_text(text)
         read_sidecar(path)
-    return known, given
+    return declared, given
 
 
 def sidecars():
@@ -38,17 +38,17 @@ def sidecars():
 
 
 def test_the_examples_give_every_key(tmp_path, monkeypatch):
-    known, given = known_and_given(sidecars(), tmp_path, monkeypatch)
-    assert len(known) >= 10  # six tables, a clock, three kinds of channel, a low-pass
-    assert given == known
+    declared, given = known_and_given(sidecars(), tmp_path, monkeypatch)
+    assert len(declared) >= 10  # six tables, a clock, three kinds of channel, a low-pass
+    assert given == declared
 
 
 def test_every_key_is_in_a_table_of_the_page(tmp_path, monkeypatch):
-    known, _ = known_and_given(sidecars(), tmp_path, monkeypatch)
+    declared, _ = known_and_given(sidecars(), tmp_path, monkeypatch)
     text = (DOCS / f"{PAGE}.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`[^|]*`) \|", text, flags=re.MULTILINE)
     explained = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
-    assert set().union(*known.values()) - {"accel", "position"} <= explained
+    assert set().union(*declared.values()) - {"accel", "position"} <= explained
     for table in sidecar.KEYS:
         assert f"`[{table}]`" in text
         assert table == "channels" or sidecar.markdown(table) in text, sidecar.markdown(table)
@@ -58,5 +58,5 @@ def test_every_key_is_in_a_table_of_the_page(tmp_path, monkeypatch):
 def test_a_key_that_the_page_omits_is_found(key, tmp_path, monkeypatch):
     texts = [re.sub(rf"^{key}.*\n|, {key}[^,}}]*", "", text, flags=re.MULTILINE) for text in sidecars()]
     assert texts != sidecars()
-    known, given = known_and_given(texts, tmp_path, monkeypatch)
-    assert given != known
+    declared, given = known_and_given(texts, tmp_path, monkeypatch)
+    assert given != declared

@@ -91,9 +91,9 @@ def check_tutorial(site):
     assert "Diagnosis: no effect is missing" in " ".join(cards)
     assert sum("image/png" in out.get("data", {}) for out in outputs(notebook)) == 3
     printed = next(out.text for out in outputs(notebook) if out.get("text", "").startswith("hidden:"))
-    hidden, found = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", printed, flags=re.MULTILINE)
-    assert hidden[0] == found[0]
-    assert float(found[1]) == pytest.approx(float(hidden[1]), rel=0.2)  # 20 sigma or more
+    hidden, result = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", printed, flags=re.MULTILINE)
+    assert hidden[0] == result[0]
+    assert float(result[1]) == pytest.approx(float(hidden[1]), rel=0.2)  # 20 sigma or more
     assert any(re.match(r"report\.html: [\d.]+ MB", out.get("text", "")) for out in outputs(notebook))
 
 

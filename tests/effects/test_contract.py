@@ -68,8 +68,8 @@ def trials(effect: Effect, s: Signals) -> list[dict[str, float]]:
 
 def middle(effect: Effect, s: Signals) -> dict[str, float]:
     """One choice of shape parameters that is not at an edge."""
-    each = trials(effect, s)
-    return each[len(each) // 2]
+    item = trials(effect, s)
+    return item[len(item) // 2]
 
 
 def test_the_catalogue_holds_exactly_the_promised_names():
@@ -272,8 +272,8 @@ def dimensions(unit: str) -> dict[str, float]:
     plain = unit.split(",")[0].replace("√s", "s**0.5").replace("⁻¹ s", "⁻¹ * s")
     for raised, exponent in (("⁻¹", "-1"), ("⁻²", "-2"), ("²", "2"), ("³", "3")):
         plain = plain.replace(raised, f"**({exponent})")
-    found = registry.parse_expression(plain) * registry.dimensionless
-    return {axis: float(found.dimensionality.get(f"[{axis}]", 0.0)) for axis in ("length", "time")}
+    result = registry.parse_expression(plain) * registry.dimensionless
+    return {axis: float(result.dimensionality.get(f"[{axis}]", 0.0)) for axis in ("length", "time")}
 
 
 def powers(unit: str, metre: float, second: float) -> float:
@@ -324,10 +324,10 @@ def test_the_declared_unit_is_the_unit_that_the_function_has(effect, metre, seco
     if effect.port == "noise" and effect.owner == "encoder":
         unit = "m²"
     expected = say(effect.column(s, **shape), unit) / powers(effect.unit, metre, second)
-    found = effect.column(other, **shapes)
+    result = effect.column(other, **shapes)
     if effect.name in ONLY_FIRST:
-        expected, found = expected[:, 0], found[:, 0]
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.max(np.abs(expected)))
+        expected, result = expected[:, 0], result[:, 0]
+    np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-9 * np.max(np.abs(expected)))
 
 
 def test_the_unit_test_sees_a_wrong_unit():

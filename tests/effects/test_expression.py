@@ -88,22 +88,22 @@ def test_anything_but_arithmetic_is_refused(text):
     ],
 )
 def test_a_formula_means_what_it_says_here_and_in_its_file(tmp_path, text, law):
-    own = from_expression("law_of_mine", text, channels=("humidity", "a_y"))
+    effect = from_expression("law_of_mine", text, channels=("humidity", "a_y"))
     s = probe(("humidity",))
     expected = law(s)
-    np.testing.assert_allclose(own.effect.column(s), expected, rtol=1e-15)  # the same operations in the same order
-    assert own.effect.needs == (("humidity",) if "humidity" in text else ())
+    np.testing.assert_allclose(effect.effect.column(s), expected, rtol=1e-15)  # the same operations in the same order
+    assert effect.effect.needs == (("humidity",) if "humidity" in text else ())
     del CATALOGUE["law_of_mine"]
     path = tmp_path / "law_of_mine.py"
-    path.write_text(own.file)
+    path.write_text(effect.file)
     (loaded,) = load_effects(path)
     np.testing.assert_allclose(loaded.column(s), expected, rtol=1e-15)
-    assert loaded.digest == own.effect.digest  # a model made with one is read with the other
+    assert loaded.digest == effect.effect.digest  # a model made with one is read with the other
     assert (loaded.unit, loaded.port, loaded.owner, loaded.needs) == (
-        own.effect.unit,
+        effect.effect.unit,
         "output",
         "sensor",
-        own.effect.needs,
+        effect.effect.needs,
     )
 
 
@@ -114,8 +114,8 @@ def test_what_is_not_finite_or_never_changes_is_refused(text):
 
 
 def test_names_are_kept_apart():
-    own = from_expression("law_of_mine", "a**3")
-    assert from_expression("law_of_mine", "a ** 3").effect is own.effect
+    effect = from_expression("law_of_mine", "a**3")
+    assert from_expression("law_of_mine", "a ** 3").effect is effect.effect
     with pytest.raises(ExpressionError, match="choose another name"):
         from_expression("law_of_mine", "a**5")
     with pytest.raises(ExpressionError, match="choose another name"):
@@ -167,20 +167,20 @@ def test_a_unit_that_is_not_si_would_mislead():
 
 
 def test_a_formula_is_read_from_its_file_and_no_other_file_is():
-    own = from_expression("law_of_mine", "v*abs(v)*humidity", unit="1/m", channels=("humidity",))
+    effect = from_expression("law_of_mine", "v*abs(v)*humidity", unit="1/m", channels=("humidity",))
     del CATALOGUE["law_of_mine"]
-    entered = from_written("law_of_mine", own.file)
+    entered = from_written("law_of_mine", effect.file)
     assert entered is not None
-    assert entered.effect.digest == own.effect.digest
+    assert entered.effect.digest == effect.effect.digest
     del CATALOGUE["law_of_mine"]
     for changed in (
-        own.file.replace("np.abs", "np.sign"),
-        own.file + "import os\n",
-        own.file.replace("scale=1.0", "scale=2.0"),
+        effect.file.replace("np.abs", "np.sign"),
+        effect.file + "import os\n",
+        effect.file.replace("scale=1.0", "scale=2.0"),
         "",
     ):
         assert from_written("law_of_mine", changed) is None
-    assert from_written("another_law", own.file) is None
+    assert from_written("another_law", effect.file) is None
     assert not {"law_of_mine", "another_law"} & set(CATALOGUE)
 
 
@@ -208,9 +208,9 @@ def test_a_model_with_a_function_of_the_user_names_what_is_missing(tmp_path):
 
     fitted_with("pull_of_mine").save(tmp_path / "m.json")
     del CATALOGUE["pull_of_mine"]
-    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*load_effects") as told:
+    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*load_effects") as message:
         ac.load_model(tmp_path / "m.json")
-    assert "damaged" not in str(told.value)
+    assert "damaged" not in str(message.value)
     file = tmp_path / "mine.py"
     file.write_text(
         "from accelcal.effects import effect\n@effect('pull_of_mine', unit='1/s^2', symbol='c', scale=1e-2)\n"
@@ -219,6 +219,6 @@ def test_a_model_with_a_function_of_the_user_names_what_is_missing(tmp_path):
     load_effects(file)
     fitted_with("pull_of_mine").save(tmp_path / "m2.json")
     del CATALOGUE["pull_of_mine"]
-    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*--effects-file.*SHA-256") as told:
+    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*--effects-file.*SHA-256") as message:
         ac.load_model(tmp_path / "m2.json")
-    assert "damaged" not in str(told.value)
+    assert "damaged" not in str(message.value)

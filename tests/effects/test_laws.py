@@ -124,12 +124,12 @@ def test_a_high_pass_leaves_nothing_of_a_lasting_tilt():
 def test_a_lag_at_unequal_times_is_the_lag_at_equal_ones():
     s = one_tone()
     every = lagged(s.a, 0.02, s.step, 0.0)
-    kept = np.sort(np.random.default_rng(3).choice(len(s.t), len(s.t) // 2, replace=False))
-    assert np.ptp(np.diff(kept)) > 3
-    kept[0] = 0
-    thinned = lagged_at(s.t[kept], s.a[kept], 0.02, 0.0)
+    remaining = np.sort(np.random.default_rng(3).choice(len(s.t), len(s.t) // 2, replace=False))
+    assert np.ptp(np.diff(remaining)) > 3
+    remaining[0] = 0
+    thinned = lagged_at(s.t[remaining], s.a[remaining], 0.02, 0.0)
     # Gaps of at most a dozen samples, straight in between: (12 w h)²/12.
-    np.testing.assert_allclose(thinned, every[kept], atol=2e-3 * AMPLITUDE)
+    np.testing.assert_allclose(thinned, every[remaining], atol=2e-3 * AMPLITUDE)
     np.testing.assert_allclose(lagged_at(s.t, s.a, 0.02, 0.0), every, atol=1e-9)
 
 
@@ -276,12 +276,12 @@ def test_the_cosines_of_a_random_walk_have_its_covariance():
     centred = np.eye(len(t)) - 1.0 / len(t)
     random_process = centred @ np.minimum.outer(t, t) @ centred
     spectrum = np.linalg.eigvalsh(random_process)[::-1][: effect.width]
-    found = np.linalg.eigvalsh(y.T @ y)[::-1]
+    result = np.linalg.eigvalsh(y.T @ y)[::-1]
     # On 2000 samples instead of a line: an end counts half a spacing too much, j/2000 of a column.
-    np.testing.assert_allclose(found, spectrum, rtol=0.02)
+    np.testing.assert_allclose(result, spectrum, rtol=0.02)
     # What is cut off: sum over j > 32 of 1/j², of pi²/6.
-    kept = np.sum(1.0 / np.arange(1, effect.width + 1) ** 2) / (np.pi**2 / 6.0)
-    assert np.sum(found) / np.trace(random_process) == pytest.approx(kept, rel=0.01)
+    share = np.sum(1.0 / np.arange(1, effect.width + 1) ** 2) / (np.pi**2 / 6.0)
+    assert np.sum(result) / np.trace(random_process) == pytest.approx(share, rel=0.01)
 
 
 def test_a_slow_gauss_markov_bias_is_a_random_walk():
@@ -378,26 +378,26 @@ def test_resampled_motion_is_the_motion_at_those_times(mount):
     coarse, fine = felt(coarse), felt(fine)
     inside = fine.t < coarse.t[-1]
     fine = fine.at(inside)
-    found = coarse.resampled(fine.t)
+    result = coarse.resampled(fine.t)
     # Cubic Hermite errs by (w h)^4/384, w h = 0.2: 4e-6 of the fastest line.
     for name in ("p", "v", "a"):
         wanted = getattr(fine, name)
-        np.testing.assert_allclose(getattr(found, name), wanted, atol=5e-6 * np.ptp(wanted), err_msg=name)
+        np.testing.assert_allclose(getattr(result, name), wanted, atol=5e-6 * np.ptp(wanted), err_msg=name)
     period = 5e-4  # m; the coarse grid passes it in a tenth of a spacing
     wanted = find("encoder_cyclic").column(fine, period=period)
-    np.testing.assert_allclose(find("encoder_cyclic").column(found, period=period), wanted, atol=1e-2)
+    np.testing.assert_allclose(find("encoder_cyclic").column(result, period=period), wanted, atol=1e-2)
     every = [effect for effect in BUILT_IN if effect.port == "position"]
     assert len(every) == 7
     for effect in every:
-        shape = {name: float(each.grid(fine)[0]) for name, each in effect.shapes.items()}
-        noisy, exact = effect.column(found, **shape), effect.column(fine, **shape)
+        shape = {name: float(item.grid(fine)[0]) for name, item in effect.shapes.items()}
+        noisy, exact = effect.column(result, **shape), effect.column(fine, **shape)
         np.testing.assert_allclose(noisy, exact, atol=2e-2 * np.max(np.abs(exact)), err_msg=effect.name)
 
 
 def test_shapes_of_a_record_describe_the_same_function_on_another():
     first, second = sines(), sines(((8.0, 0.2, 0.0),))
     effect = find("shape_of_velocity")
-    shape = {name: float(each.grid(first)[0]) for name, each in effect.shapes.items()}
+    shape = {name: float(item.grid(first)[0]) for name, item in effect.shapes.items()}
     whole, part = effect.column(first, **shape), effect.column(second, **shape)
     for k in range(0, len(second.t), 5000):
         near = np.argmin(np.abs(first.v - second.v[k]))

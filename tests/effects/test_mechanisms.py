@@ -59,9 +59,9 @@ def test_a_memory_begins_at_rest_or_at_the_mean_or_where_a_channel_begins():
     assert memory(resting, DRIVERS["abs_a"], 3.0)[0] == 0.0
     assert memory(moving, DRIVERS["abs_a"], 30.0)[0] == pytest.approx(float(np.mean(np.abs(moving.a))))
     warm = replace(moving, side={"temperature": 20.0 + 0.1 * moving.t})
-    u, gone = memory(warm, DRIVERS["temperature"], 3.0), np.exp(-moving.t / 3.0)
-    np.testing.assert_allclose(u, warm.temperature - 0.3 * (1.0 - gone), atol=1e-6)  # 0.1 K/s lags by 3 s
-    np.testing.assert_allclose(memory(warm, DRIVERS["temperature"], 3.0, 1.0) - u, gone, atol=1e-6)
+    u, decay = memory(warm, DRIVERS["temperature"], 3.0), np.exp(-moving.t / 3.0)
+    np.testing.assert_allclose(u, warm.temperature - 0.3 * (1.0 - decay), atol=1e-6)  # 0.1 K/s lags by 3 s
+    np.testing.assert_allclose(memory(warm, DRIVERS["temperature"], 3.0, 1.0) - u, decay, atol=1e-6)
 
 
 def test_every_carrier_follows_every_driver_and_channel():
@@ -123,9 +123,9 @@ def test_a_channel_that_is_called_as_a_variable_of_the_motion_stays_a_channel(na
         model = Model.linear().add(side_channel(name, "V").name, side_channel(name, "V", "scale_factor").name)
         assert {channel.channel for channel in model.side_channels.values()} == {name}
         assert {channel.of for channel in model.side_channels.values()} == {"output", "scale_factor"}
-        assert [channel_of(find(own)) for own in ("rail_slope", "bias_drift", "temperature_bias", "cross_axis")] == [
-            ""
-        ] * 4
+        assert [
+            channel_of(find(built_in)) for built_in in ("rail_slope", "bias_drift", "temperature_bias", "cross_axis")
+        ] == [""] * 4
         assert (find(f"bias_follows_{name}").needs == ()) == (name == "position")
 
 
@@ -209,10 +209,10 @@ def test_the_path_of_a_process_ranks_what_it_follows(sag):
     assert path.followers[0].mechanism in (NAME, "scale_factor_follows_a2")
     assert path.followers[0].share > 0.7 > path.followers[-1].share
     assert "scale factor follows |a|" in str(path)
-    (told,) = ac.add(fit, run, NAME).paths(run)
-    assert told.followers == ()
-    assert told.itself == pytest.approx(0.004, abs=5e-4)
-    assert np.mean(told.value) < 0.0 < told.itself  # the mean of this run is another one
+    (message,) = ac.add(fit, run, NAME).paths(run)
+    assert message.followers == ()
+    assert message.itself == pytest.approx(0.004, abs=5e-4)
+    assert np.mean(message.value) < 0.0 < message.itself  # the mean of this run is another one
     assert list(path.to_dataframe().columns)[:2] == ["value", "std"]
     assert "scale_factor_follows_v2" in path.to_xarray()
     assert fit.paths(run) == ()
@@ -255,8 +255,8 @@ def test_a_mechanism_takes_the_place_of_the_process_of_its_coefficient_alone(sag
     random = ac.add(fit, run, "scale_gauss_markov", "bias_random_walk")
     grown = ac.add(random, run, NAME)
     assert grown.model.added == ("bias_random_walk", NAME)
-    (gone,) = (remark.sentence for remark in grown.remarks if remark.code == "replaced")
-    assert gone == f"scale_gauss_markov was taken out: {NAME} explains what it did"
+    (sentence,) = (remark.sentence for remark in grown.remarks if remark.code == "replaced")
+    assert sentence == f"scale_gauss_markov was taken out: {NAME} explains what it did"
     straight = ac.add(fit, run, "bias_random_walk", NAME)
     for name in ("scale_factor", NAME, f"{NAME}.tau"):
         assert abs(grown[name].value - straight[name].value) < 0.3 * straight[name].std

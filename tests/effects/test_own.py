@@ -67,7 +67,7 @@ HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, SizePrio
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "message"),
     [
         ("def f(:\n", 1, "syntax"),
         (HEAD + "raise SystemExit(3)\n", 3, "SystemExit"),
@@ -98,13 +98,13 @@ HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, SizePrio
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_is_one_sentence_with_its_line(write, text, line, said):
+def test_a_file_that_cannot_be_used_is_one_sentence_with_its_line(write, text, line, message):
     path, before = write(text), dict(CATALOGUE)
     with pytest.raises(EffectsFileError) as caught:
         load_effects(path)
     sentence = str(caught.value)
     assert sentence.startswith(f"{path}, line {line}: ")
-    assert said in sentence
+    assert message in sentence
     assert "\n" not in sentence
     assert before == CATALOGUE
 

@@ -23,26 +23,26 @@ def record():
     """A sensor whose K2 = 1e-3 is a Gauss-Markov process, by its exact recursion."""
     rng = np.random.default_rng(3)
     truth = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-3}
-    made = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng)
-    accel = made.recording.accel
+    simulation = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng)
+    accel = simulation.recording.accel
     keep = np.exp(-np.median(np.diff(accel.t)) / TAU)
     process = np.zeros(len(accel.t))
     for i, shock in enumerate(SIGMA * np.sqrt(1.0 - keep**2) * rng.standard_normal(len(process) - 1), 1):
         process[i] = keep * process[i - 1] + shock
-    y = accel.y + process * made.truth.motion.acceleration(accel.t) ** 2
-    return replace(made.recording, accel=replace(accel, y=y), digest="K2 that varies")
+    y = accel.y + process * simulation.truth.motion.acceleration(accel.t) ** 2
+    return replace(simulation.recording, accel=replace(accel, y=y), digest="K2 that varies")
 
 
 def test_a_process_of_any_coefficient_is_its_column_times_that_of_the_bias():
     s = sines(n=500)
-    made, bias = find(NAME), find("bias_gauss_markov")
+    process, bias = find(NAME), find("bias_gauss_markov")
     given = {"start": 0.0, "length": s.length, "tau": 3.0}
-    np.testing.assert_allclose(made.column(s, **given), s.a[:, None] ** 2 * bias.column(s, **given), rtol=1e-12)
-    assert made.port == "process"
-    assert made not in BUILT_IN
-    assert CATALOGUE[NAME] is made is find(NAME)
+    np.testing.assert_allclose(process.column(s, **given), s.a[:, None] ** 2 * bias.column(s, **given), rtol=1e-12)
+    assert process.port == "process"
+    assert process not in BUILT_IN
+    assert CATALOGUE[NAME] is process is find(NAME)
     for label in ("Equation", "Looks like", "Easily confused with", "Separate by"):
-        assert made.line(label)
+        assert process.line(label)
 
 
 def test_a_planted_process_is_found_and_the_mean_has_its_uncertainty(record, tmp_path):

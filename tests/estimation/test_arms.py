@@ -384,12 +384,12 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_declared_wrongly_is_refused_with_the_next_step(tmp_path: Path, name: str) -> None:
-    old, new, said = WRONG[name]
+    old, new, message = WRONG[name]
     rig = Rigged(seconds=2.0)
     record(rig, tmp_path)
     assert sidecar(rig).count(old) == 1
     (tmp_path / "arm.toml").write_text(sidecar(rig).replace(old, new))
-    with pytest.raises(ac.RecordingError, match=f"(?s){said}"):
+    with pytest.raises(ac.RecordingError, match=f"(?s){message}"):
         io.load(tmp_path / "arm.csv")
 
 
@@ -438,8 +438,8 @@ def test_a_centrifuge_of_two_loggers_is_aligned(tmp_path: Path, axle: str) -> No
         text = "\n".join(f"{t:.6f},{y:.9g}" for t, y in zip(table["t"] + shift, table[column], strict=True))
         (tmp_path / f"{name}.csv").write_text(f"t,{column}\n{text}\n")
     output, stage = ("density", "arm", "axle", "input", "angle"), ("accel",)
-    for name, gone in (("acc", output), ("enc", stage)):
-        rest = [line for line in lines if not line.startswith(gone)]
+    for name, channel in (("acc", output), ("enc", stage)):
+        rest = [line for line in lines if not line.startswith(channel)]
         (tmp_path / f"{name}.toml").write_text("\n".join(rest))
     recording = ac.load(tmp_path / "acc.csv", position=tmp_path / "enc.csv")
     (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]

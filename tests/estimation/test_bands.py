@@ -49,9 +49,9 @@ def test_coloured_innovations_ask_for_a_band_unless_the_reading_is_better_than_t
 
 def test_an_answer_that_changes_with_the_band_is_said() -> None:
     assert change_with_band([trial(1.0), trial(2.0), trial(4.0)]) is None
-    said = change_with_band([trial(1.0, scale=1.2), trial(2.0), trial(4.0, delay=3e-3)])
-    assert said is not None
-    assert "the scale and the delay change with the band" in said
+    change = change_with_band([trial(1.0, scale=1.2), trial(2.0), trial(4.0, delay=3e-3)])
+    assert change is not None
+    assert "the scale and the delay change with the band" in change
     assert change_with_band([trial(1.0, scale=1.2, signal=0.1), trial(2.0), trial(4.0), trial(8.0)]) is None
 
 
@@ -73,15 +73,15 @@ def test_a_reference_without_noise_is_fitted(noise: float, rate: float) -> None:
     f, phase, a = rng.uniform(0.2, 3.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), rng.uniform(0.3, 1.0, 12) / 12.0
     waves = np.sin(2.0 * np.pi * np.outer(f, t) + phase[:, None])
     output = -1.01 * a @ waves + 0.02 + noise * rng.standard_normal(len(t))
-    made = Recording(
+    recording = Recording(
         accel=Channel("accel", t, output, "m/s²"),
         position=Channel("position", t, (a / (2.0 * np.pi * f) ** 2) @ waves, "m"),
         rig=ac.Rig(),
         name="smooth.csv",
     )
-    found = ac.fit(made)  # "innovation variance ... is not positive" without a floor of R
-    assert found["scale_factor"].value == pytest.approx(0.01, abs=2e-4)
-    assert found["bias"].value == pytest.approx(0.02, abs=1e-4)
+    fit = ac.fit(recording)  # "innovation variance ... is not positive" without a floor of R
+    assert fit["scale_factor"].value == pytest.approx(0.01, abs=2e-4)
+    assert fit["bias"].value == pytest.approx(0.02, abs=1e-4)
 
 
 def test_a_band_whose_steps_end_in_a_small_cycle_has_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:

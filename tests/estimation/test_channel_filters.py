@@ -64,8 +64,8 @@ def test_a_digital_filter_applied_is_its_recursion(kind: str) -> None:
     taps = own.averages(16, 3).b if kind == "sinc" else declared.b
     y = np.concatenate([np.zeros(200), np.random.default_rng(3).standard_normal(3000)])
     expected = lfilter(taps, declared.a or (1.0,), y)
-    found = applied(y, 1 / RATE, response([declared], RATE), memory([declared], RATE))
-    np.testing.assert_allclose(found, expected, atol=1e-6)  # of a memory that is cut at 1.5e-8
+    result = applied(y, 1 / RATE, response([declared], RATE), memory([declared], RATE))
+    np.testing.assert_allclose(result, expected, atol=1e-6)  # of a memory that is cut at 1.5e-8
     other = applied(y, 1 / RATE, response([replace(declared, rate=2 * RATE)], RATE), memory([declared], RATE))
     assert np.max(np.abs(other - expected)) > 1e-2
 
@@ -104,10 +104,10 @@ def test_what_a_high_pass_removes_is_added_back() -> None:
     tau = 1.0
     a_behind = a - behind[1] / tau  # H a = a - v_H/tau
     jerk_behind = jerk - a_behind / tau
-    found = filters.recoupled((p - blocked, behind[1], a_behind, jerk_behind), blocked, step)
+    result = filters.recoupled((p - blocked, behind[1], a_behind, jerk_behind), blocked, step)
     late = t > 12.0  # the motion began with a jump in acceleration, which fades with tau
-    for one, true, size in zip(found, (p, v, a, jerk), (1.0, w, w**2, w**3), strict=True):
-        np.testing.assert_allclose(one[late], true[late], atol=2e-3 * size)
+    for signal, true, size in zip(result, (p, v, a, jerk), (1.0, w, w**2, w**3), strict=True):
+        np.testing.assert_allclose(signal[late], true[late], atol=2e-3 * size)
     assert np.max(np.abs((behind[1] - v)[late])) > 0.05 * w
 
 
@@ -125,7 +125,7 @@ def z_of(name: str, seed: int, tmp_path, **declared) -> tuple[Fit, dict[str, flo
 def test_estimates_behind_a_declared_filter_hold(name: str, tmp_path) -> None:
     """False-alarm rate: 3 normal deviates beyond 4.5 in 7 records, 1.4e-4."""
     fit, z = z_of(name, 11, tmp_path)
-    assert all(abs(one) < 4.5 for one in z.values()), z
+    assert all(abs(score) < 4.5 for score in z.values()), z
     assert 0.85 < fit.runs[0].noise.ratio < 1.15
     if name == "t-highpass0.1":
         assert "bias" not in z
@@ -137,7 +137,7 @@ def test_estimates_behind_a_declared_filter_hold(name: str, tmp_path) -> None:
 @pytest.mark.parametrize("name", ["t-butter50", "t-position-lag200"])
 def test_the_same_records_without_the_declaration_fail(name: str, tmp_path) -> None:
     _, z = z_of(name, 11, tmp_path, output_filters=(), position_filters=())
-    assert max(abs(one) for one in z.values()) > 30.0
+    assert max(abs(score) for score in z.values()) > 30.0
 
 
 @pytest.mark.parametrize(
@@ -152,8 +152,8 @@ def test_the_same_records_without_the_declaration_fail(name: str, tmp_path) -> N
 def test_a_simulated_rig_with_filters_is_recovered(rig: Rig) -> None:
     """False-alarm rate: 3 normal deviates beyond 4.5 in 3 records, 6e-5."""
     truth = {"bias": 0.1, "scale_factor": 0.01, "time_offset": 2e-4}
-    made = simulate("interleaved", seconds=20.0, rig=rig, parameters=truth, rng=np.random.default_rng(4))
-    fit = estimate(Model.linear(), made.recording)
+    simulation = simulate("interleaved", seconds=20.0, rig=rig, parameters=truth, rng=np.random.default_rng(4))
+    fit = estimate(Model.linear(), simulation.recording)
     assert all(abs(e.value - truth[e.name]) < 4.5 * e.std for e in fit.free)
     assert 0.85 < fit.runs[0].noise.ratio < 1.15
 
@@ -173,10 +173,10 @@ def rig_of(row: str) -> Rig:
         return replace(plain, output_filters=(BLOCKING,))
     if row.startswith("several RC"):
         return replace(plain, output_filters=(KINDS["RC"], replace(KINDS["RC"], cutoff=300.0)))
-    found = re.match(r"(\w+) of `(accel|position)`", row)
-    assert found, row
-    field = "output_filters" if found[2] == "accel" else "position_filters"
-    return replace(plain, **{field: (KINDS[found[1]],)})
+    match = re.match(r"(\w+) of `(accel|position)`", row)
+    assert match, row
+    field = "output_filters" if match[2] == "accel" else "position_filters"
+    return replace(plain, **{field: (KINDS[match[1]],)})
 
 
 def test_the_table_has_every_kind() -> None:
@@ -197,16 +197,16 @@ def test_live_filters_do_what_the_table_says(row: list[str]) -> None:
     name = re.escape(rig.filters[0].name)
     with pytest.raises(ValueError, match=rf"a live filter takes one RC low-pass.*{name}.*use fit and diagnose"):
         live()
-    made = simulate("tones", seconds=2.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    simulation = simulate("tones", seconds=2.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
     with pytest.raises(RecordingError, match=rf"a fit by a live filter takes one RC.*{name}"):
-        fit(replace(made.recording, rig=rig), method=FilterChoice("aci", "linear"))
+        fit(replace(simulation.recording, rig=rig), method=FilterChoice("aci", "linear"))
 
 
 def test_gravity_does_not_pass_a_high_pass() -> None:
     up = replace(ADXL105_RIG, axis="up", output_filters=(BLOCKING,))
-    made = simulate("interleaved", seconds=20.0, rig=up, parameters={}, rng=np.random.default_rng(5))
-    assert abs(np.mean(made.recording.accel.y)) < 0.1 * STANDARD_GRAVITY
-    fit = estimate(Model.linear(), made.recording)
+    simulation = simulate("interleaved", seconds=20.0, rig=up, parameters={}, rng=np.random.default_rng(5))
+    assert abs(np.mean(simulation.recording.accel.y)) < 0.1 * STANDARD_GRAVITY
+    fit = estimate(Model.linear(), simulation.recording)
     assert abs(fit["scale_factor"].value) < 4.5 * fit["scale_factor"].std
 
 

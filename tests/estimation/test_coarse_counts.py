@@ -49,9 +49,9 @@ def test_dithered_readings_and_short_runs_are_left_as_they_are():
 def test_nothing_is_named_on_a_resting_coarse_encoder(tmp_path, monkeypatch):
     """At a rate of 0.5 %; with every reading taken for a measurement, effects of the encoder are asked for."""
     recording = load(TABLE["h-coarse-smooth"].build(700).write(tmp_path))
-    found = improve(recording)
-    assert found.effects == ()
-    assert "encoder" not in str(found)
+    improvement = improve(recording)
+    assert improvement.effects == ()
+    assert "encoder" not in str(improvement)
     monkeypatch.setattr(runs, "without_repeated_counts", lambda run: run)
     assert "encoder" in str(improve(recording))
 

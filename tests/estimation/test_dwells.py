@@ -57,8 +57,8 @@ def by_optimiser(dwells, std, order=4):
         model = x[0] + (1.0 + x[1]) * a + x[2] * a**2 + x[3] * a**3
         return (dwells.mean - model) / std
 
-    found = optimize.least_squares(missed, np.zeros(order + 1), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    x = found.x
+    result = optimize.least_squares(missed, np.zeros(order + 1), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    x = result.x
     for _ in range(4):
         J = np.column_stack([(missed(x + h) - missed(x - h)) / (2.0 * 1e-5) for h in 1e-5 * np.eye(order + 1)])
         x = x - np.linalg.lstsq(J, missed(x), rcond=None)[0]
@@ -91,7 +91,7 @@ def test_angles_do_not_take_the_scale_factor():
 @pytest.mark.parametrize("understated", [False, True])
 def test_tumbles_with_errors_of_the_angle_are_consistent(understated, draws):
     """NEES of the tumbles in its 99 % region; the twin declares a third of the error of the angles."""
-    found = []
+    results = []
     for seed in range(draws):
         dwells = tumble(np.random.default_rng(seed), angle_std=1e-3, zero=3e-3)
         if understated:
@@ -99,10 +99,10 @@ def test_tumbles_with_errors_of_the_angle_are_consistent(understated, draws):
         fit = ac.fit(dwells, ac.Model.cubic())
         error = np.array([e.value - TRUTH[e.name] for e in fit.free])
         scatter = fit.covariance if not understated else fit.covariance * (1e-9 + _declared_share(fit))
-        found.append(error @ np.linalg.solve(scatter, error))
+        results.append(error @ np.linalg.solve(scatter, error))
     low, high = chi_square_region(4, draws, 0.99)
-    print(f"NEES {np.mean(found):.2f} of 4 over {draws} tumbles ({low:.2f} to {high:.2f})")
-    assert (low < np.mean(found) < high) is not understated
+    print(f"NEES {np.mean(results):.2f} of 4 over {draws} tumbles ({low:.2f} to {high:.2f})")
+    assert (low < np.mean(results) < high) is not understated
 
 
 def _declared_share(fit):
@@ -122,8 +122,8 @@ def test_the_moments_of_an_uncertain_angle_are_exact():
 @pytest.fixture(scope="module")
 def motion():
     rng = np.random.default_rng(3)
-    made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording
-    return dataclasses.replace(made, digest="motion")
+    recording = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording
+    return dataclasses.replace(recording, digest="motion")
 
 
 def test_motion_and_dwells_together_are_the_stacked_problem(motion):
@@ -166,11 +166,11 @@ def test_dwells_show_the_scale_of_the_encoder(motion, size):
     dwells = tumble(np.random.default_rng(5), rig=motion.rig, noise=225e-6 * G, instability=0.0)
     position = dataclasses.replace(motion.position, y=motion.position.y * (1.0 + size))
     both = dataclasses.replace(motion, position=position, digest="").with_dwells(dwells)
-    found = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
-    named = {member for group in found.classes for member in group.members}
-    assert ("encoder_scale" in named) is (size > 0.0), found.sentence
+    diagnosis = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
+    named = {member for group in diagnosis.classes for member in group.members}
+    assert ("encoder_scale" in named) is (size > 0.0), diagnosis.sentence
     if size:
-        grown = ac.add(found.fit, both, "encoder_scale")["encoder_scale"]
+        grown = ac.add(diagnosis.fit, both, "encoder_scale")["encoder_scale"]
         assert abs(grown.value - size) < 4.0 * grown.std
 
 
@@ -203,10 +203,10 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     plain, wild = (tumble(np.random.default_rng(7), linear, further=further) for further in (0.0, 5e-3))
     quiet, fit = (ac.fit(dwells) for dwells in (plain, wild))
     assert quiet.dwells.scatter == 0.0
-    assert not any("more than is declared" in one.sentence for one in quiet.remarks)
+    assert not any("more than is declared" in remark.sentence for remark in quiet.remarks)
     assert fit.dwells.scatter == pytest.approx(5e-3, rel=0.5)
-    (said,) = [one.sentence for one in fit.remarks if "more than is declared" in one.sentence]
-    assert f", {round(fit.dwells.ratio, -1):.0f} times what noise within them explains" in said  # not 2e+02
+    (message,) = [remark.sentence for remark in fit.remarks if "more than is declared" in remark.sentence]
+    assert f", {round(fit.dwells.ratio, -1):.0f} times what noise within them explains" in message  # not 2e+02
     assert fit["bias"].std > 10.0 * quiet["bias"].std
     verdicts = [ac.diagnose(f, d).verdict for f, d in ((quiet, plain), (fit, wild))]
     assert verdicts == ["adequate", "unexplained"]
@@ -215,9 +215,9 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
 def test_noise_within_dwells_that_is_too_large_is_said():
     """Where std was written in mV and read in V, every effect hides in it; a false alarm is one tumble in 10 000."""
     dwells = tumble(np.random.default_rng(7), instability=0.0)
-    for factor, said in ((1.0, 0), (1000.0, 1)):
+    for factor, remarks in ((1.0, 0), (1000.0, 1)):
         fit = ac.fit(dataclasses.replace(dwells, std=factor * dwells.std), ac.Model.linear().add("quadratic", "cubic"))
-        assert sum("is std that of the samples" in note.sentence for note in fit.remarks) == said
+        assert sum("is std that of the samples" in note.sentence for note in fit.remarks) == remarks
 
 
 @drawn(30)
@@ -305,9 +305,9 @@ def test_origins_of_temperature_are_those_of_the_dwells():
     dwells = tumble(rng, {**TRUTH, "quadratic": 0.0, "cubic": 0.0})
     warmth = rng.uniform(20.0, 40.0, len(dwells))
     warm = dataclasses.replace(dwells, temperature=warmth, mean=dwells.mean + 1e-3 * (warmth - warmth.mean()))
-    found = ac.diagnose(ac.fit(warm), warm)
-    assert found.verdict == "named"
-    assert found.members == ("temperature_bias",)
+    diagnosis = ac.diagnose(ac.fit(warm), warm)
+    assert diagnosis.verdict == "named"
+    assert diagnosis.members == ("temperature_bias",)
     fit = ac.fit(warm, ac.Model.linear().add("temperature_bias"))
     assert abs(fit["temperature_bias"].value - 1e-3) < 4.0 * fit["temperature_bias"].std
 
@@ -320,8 +320,8 @@ def test_a_channel_that_the_dwells_lack_is_refused_and_its_effects_are_no_candid
     )
     with pytest.raises(ac.RecordingError, match="temperature_bias needs temperature, which these dwells do not have"):
         ac.fit(both, ac.Model.cubic().add("temperature_bias"))
-    found = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
-    names = {one.effect for one in found.scan.candidates}
+    diagnosis = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
+    names = {candidate.effect for candidate in diagnosis.scan.candidates}
     assert not names & {"temperature_bias", "temperature_scale"}, names
 
 
@@ -353,17 +353,17 @@ def test_a_model_of_motion_and_dwells_is_used_again_on_either(motion):
         ).recording
         for k, bias in enumerate((0.02, 0.09), 30)
     ]
-    found = ac.diagnose(fit, [motion, *others, dwells])
-    assert found.fit.spreads
-    assert "tilt" not in found.fit.model.effects
+    diagnosis = ac.diagnose(fit, [motion, *others, dwells])
+    assert diagnosis.fit.spreads
+    assert "tilt" not in diagnosis.fit.model.effects
 
 
 def test_a_model_of_dwells_leaves_the_timing_of_a_motion_free(motion):
     fit = ac.fit(tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0), ac.Model.cubic())
     late = dataclasses.replace(motion, accel=dataclasses.replace(motion.accel, t=motion.accel.t + 5e-4))
-    found = ac.diagnose(fit, late)
-    assert found.effects == ("time_offset",)
-    assert abs(found.fit["time_offset"].value - 5e-4) < 5e-5
+    diagnosis = ac.diagnose(fit, late)
+    assert diagnosis.effects == ("time_offset",)
+    assert abs(diagnosis.fit["time_offset"].value - 5e-4) < 5e-5
 
 
 def test_dwells_without_any_noise_are_refused():

@@ -99,12 +99,12 @@ def by_filter(c: Case, *, scale: float = 1.0) -> tuple[Array, Array]:
     )
 
 
-def difference(c: Case, one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[float, float]:
+def difference(c: Case, first: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[float, float]:
     """Largest difference of estimates in sigma, and of covariances relative to sigma_i sigma_j."""
     sigma = np.sqrt(np.diag(two[1]))
     return (
-        float(np.max(np.abs(one[0] - two[0]) / sigma)),
-        float(np.max(np.abs(one[1] - two[1]) / np.outer(sigma, sigma))),
+        float(np.max(np.abs(first[0] - two[0]) / sigma)),
+        float(np.max(np.abs(first[1] - two[1]) / np.outer(sigma, sigma))),
     )
 
 

@@ -54,8 +54,8 @@ def test_a_glitch_is_found_in_motion(length: int, seed: int) -> None:
     usual = np.quantile(np.abs(np.diff(z)), 0.98)
     at = int(rng.uniform(0.2, 0.8) * len(t))
     z[at : at + length] += (15.0 + 10.0 * length) * usual  # far beyond the motion meanwhile
-    found = spikes(t, z, output)
-    assert list(np.flatnonzero(found)) == list(range(at, at + length))
+    result = spikes(t, z, output)
+    assert list(np.flatnonzero(result)) == list(range(at, at + length))
 
 
 def test_a_glitch_is_said_with_its_readings_and_what_they_jump_by() -> None:
@@ -66,8 +66,8 @@ def test_a_glitch_is_said_with_its_readings_and_what_they_jump_by() -> None:
     z[2000] -= 0.02
     z[5000:5003] += 0.02, 0.03, 0.025
     position = dataclasses.replace(recording.position, y=z)
-    said = {fault.time: fault for fault in examine(dataclasses.replace(recording, position=position)).faults}
-    single, group = (said[float(position.t[k])] for k in (2000, 5000))
+    faults = {fault.time: fault for fault in examine(dataclasses.replace(recording, position=position)).faults}
+    single, group = (faults[float(position.t[k])] for k in (2000, 5000))
     assert single.sentence.startswith("position: 1 reading jumps by -20")
     assert single.sentence.endswith("and returns")
     assert group.sentence.startswith("position: 3 readings jump by 30")

@@ -23,8 +23,8 @@ def test_two_hundred_holes_leave_the_parameters_identifiable(tmp_path: Path, mon
     path = record.write(tmp_path)
     recording = load(path)
     end = recording.position.t[0] + 42.0
-    found = solve_runs(Model.linear(), [recording], end=end)
-    values = found.states[0].values
+    result = solve_runs(Model.linear(), [recording], end=end)
+    values = result.states[0].values
     assert values.bias == pytest.approx(record.truth["bias"], abs=2e-4)  # 5 deviations and more
     monkeypatch.setattr(run_state, "LEAST_SETTLED", 0.0)
     with pytest.raises(NotIdentifiable):  # loaded anew, since a recording keeps its rough estimate

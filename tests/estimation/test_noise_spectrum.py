@@ -36,12 +36,12 @@ def humped(seed: int, rows: int = ROWS) -> Array:
 
 
 def test_the_spectrum_is_measured_above_and_below_that_of_white_rows() -> None:
-    found = measured_spectrum(humped(1), RATE, RATE)
-    assert found is not None
+    result = measured_spectrum(humped(1), RATE, RATE)
+    assert result is not None
     f = np.array([0.5, 3.0, 20.0, 40.0])
-    ratio = found(f) / density(f)
+    ratio = result(f) / density(f)
     assert np.all((ratio > 0.5) & (ratio < 2.0))
-    white = whitener(found, RATE)(humped(1)[None])[0]
+    white = whitener(result, RATE)(humped(1)[None])[0]
     left = measured_spectrum(white, RATE, RATE)
     assert left is not None
     assert np.all(np.abs(left.log_level) < 0.5)
@@ -52,11 +52,11 @@ def test_what_fitted_columns_take_is_not_missed() -> None:
     cosines = scipy.fft.idct(np.eye(2000)[:, 1:60:2], norm="ortho", axis=0)  # every second of the lowest lines
     left = y - cosines @ (cosines.T @ y)
     explained = np.sum(scipy.fft.dct(cosines, norm="ortho", axis=0) ** 2, axis=1)
-    known, blind = (measured_spectrum(left, RATE, RATE, share) for share in (explained, None))
-    assert known is not None
+    declared, blind = (measured_spectrum(left, RATE, RATE, share) for share in (explained, None))
+    assert declared is not None
     assert blind is not None
-    assert abs(np.mean(known.log_level[:3])) < 1.0  # three standard deviations
-    assert blind.log_level[0] < np.mean(known.log_level[:3]) - 1.0  # the twin: half of its lines are empty
+    assert abs(np.mean(declared.log_level[:3])) < 1.0  # three standard deviations
+    assert blind.log_level[0] < np.mean(declared.log_level[:3]) - 1.0  # the twin: half of its lines are empty
 
 
 def test_a_few_strong_lines_are_no_level() -> None:
@@ -77,13 +77,13 @@ def test_above_the_crossover_no_row_counts_more() -> None:
     """There the regressors hold the output's own noise; weight would draw the scale to zero."""
     y = np.random.default_rng(4).standard_normal(ROWS)
     falling = scipy.signal.sosfilt(scipy.signal.butter(2, 10.0, fs=RATE, output="sos"), y)
-    found, free = (measured_spectrum(falling, RATE, crossover) for crossover in (8.0, 0.5 * RATE))
-    assert found is not None
+    result, free = (measured_spectrum(falling, RATE, crossover) for crossover in (8.0, 0.5 * RATE))
+    assert result is not None
     assert free is not None
     f = np.array([1.0, 5.0, 20.0, 40.0])
-    assert np.allclose(found(f[:2]), free(f[:2]))
-    assert np.all(found(f[2:]) >= found(np.array([8.0])))
-    assert free(f[3:])[0] < 0.1 * found(f[3:])[0]
+    assert np.allclose(result(f[:2]), free(f[:2]))
+    assert np.all(result(f[2:]) >= result(np.array([8.0])))
+    assert free(f[3:])[0] < 0.1 * result(f[3:])[0]
 
 
 def test_a_white_run_has_no_measured_spectrum() -> None:
@@ -118,9 +118,11 @@ def humming(seed: int) -> ac.Recording:
 
 def deviations(records: list[ac.Recording]) -> tuple[float, float]:
     """Rms error of the scale factor, and rms of the error over its standard deviation."""
-    found = [ac.fit(record)["scale_factor"] for record in records]
-    error = np.array([one.value - TRUTH["scale_factor"] for one in found])
-    return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((error / [one.std for one in found]) ** 2)))
+    results = [ac.fit(record)["scale_factor"] for record in records]
+    error = np.array([estimate.value - TRUTH["scale_factor"] for estimate in results])
+    return float(np.sqrt(np.mean(error**2))), float(
+        np.sqrt(np.mean((error / [estimate.std for estimate in results]) ** 2))
+    )
 
 
 def test_a_hum_costs_less_and_its_uncertainty_is_true(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,14 +52,14 @@ def campaign(rng, runs, kind="", d=10.0):
 @drawn(100)
 def test_campaigns_that_differ_by_chance_go_with_nothing(draws):
     """At a stated rate of 1 % over campaigns of 4 to 12 runs; the tests below are the twin."""
-    found = 0
+    result = 0
     for seed in range(draws):
         rng = np.random.default_rng(seed)
-        seen, every = campaign(rng, int(rng.integers(4, 13)))
-        found += seen.p_value < REMARK_ALPHA and goes_with("bias", seen, every) is not None
+        data, every = campaign(rng, int(rng.integers(4, 13)))
+        result += data.p_value < REMARK_ALPHA and goes_with("bias", data, every) is not None
     allowed = stats.binom.ppf(0.975, draws, REMARK_ALPHA)
-    print(f"{found} of {draws} campaigns without a cause go with one ({REMARK_ALPHA:g} stated, {allowed:g} allowed)")
-    assert found <= allowed
+    print(f"{result} of {draws} campaigns without a cause go with one ({REMARK_ALPHA:g} stated, {allowed:g} allowed)")
+    assert result <= allowed
 
 
 @drawn(40)
@@ -68,11 +68,11 @@ def test_a_cause_of_ten_standard_deviations_is_named(kind, draws):
     named, z = 0, []
     for seed in range(draws):
         rng = np.random.default_rng(seed)
-        seen, every = campaign(rng, int(rng.integers(7, 13)), kind)
-        found = goes_with("bias", seen, every)
-        named += found is not None and kind in found.members
-        if found is not None and found.covariate == kind:
-            z.append(found.slope / found.std)
+        data, every = campaign(rng, int(rng.integers(7, 13)), kind)
+        result = goes_with("bias", data, every)
+        named += result is not None and kind in result.members
+        if result is not None and result.covariate == kind:
+            z.append(result.slope / result.std)
     print(f"{kind}: named in {named} of {draws} campaigns (95 %), {np.median(np.abs(z)):.1f} sigma")
     assert named >= stats.binom.ppf(0.025, draws, 0.95)
     assert 5.0 < np.median(np.abs(z)) < 20.0
@@ -80,32 +80,32 @@ def test_a_cause_of_ten_standard_deviations_is_named(kind, draws):
 
 @pytest.mark.statistics
 def test_a_random_change_over_the_dates_is_no_chance():
-    members = found = 0
+    members = result = 0
     for seed in range(30):
         rng = np.random.default_rng(seed)
-        seen, every = campaign(rng, 12)
+        changed, every = campaign(rng, 12)
         t = every[0].columns[:, 0]
         walk = np.concatenate([[0.0], np.cumsum(np.sqrt(np.diff(t)) * rng.standard_normal(11))])
-        seen = dataclasses.replace(seen, y=seen.turn @ walk)
-        told = goes_with("bias", seen, every)
-        found += told is not None
-        members += told is not None and ("walk" in told.members or told.covariate in ("line", "logarithm"))
-    print(f"a walk: {found} of 30 told, {members} as a change over the dates")
+        changed = dataclasses.replace(changed, y=changed.turn @ walk)
+        message = goes_with("bias", changed, every)
+        result += message is not None
+        members += message is not None and ("walk" in message.members or message.covariate in ("line", "logarithm"))
+    print(f"a walk: {result} of 30 told, {members} as a change over the dates")
     assert members >= 15
-    assert found - members <= 3
+    assert result - members <= 3
 
 
 def test_the_likelihood_is_that_of_the_dense_mixed_model():
     rng = np.random.default_rng(5)
-    seen, every = campaign(rng, 8)
-    y, x = seen.turn.T @ seen.y, every[0].columns[:, 0]
-    V = seen.turn.T @ np.diag(seen.v + 1e-5) @ seen.turn
+    data, every = campaign(rng, 8)
+    y, x = data.turn.T @ data.y, every[0].columns[:, 0]
+    V = data.turn.T @ np.diag(data.v + 1e-5) @ data.turn
     X = np.column_stack([np.ones(8), x])
     beta = np.linalg.solve(X.T @ np.linalg.solve(V, X), X.T @ np.linalg.solve(V, y))
     dense = stats.multivariate_normal(X @ beta, V).logpdf(y) + 4.0 * np.log(2.0 * np.pi)
-    assert likelihood(seen.y[None], seen, every[0], 1e-5)[0] == pytest.approx(dense, rel=1e-9)
+    assert likelihood(data.y[None], data, every[0], 1e-5)[0] == pytest.approx(dense, rel=1e-9)
     grid = np.array([0.0, 1e-6, 1e-5])
-    assert best_likelihood(seen.y[None], seen, every[0], grid)[0] >= dense
+    assert best_likelihood(data.y[None], data, every[0], grid)[0] >= dense
 
 
 def test_dates_are_read_as_toml_and_as_text():
@@ -118,14 +118,14 @@ def test_dates_are_read_as_toml_and_as_text():
 
 
 def labelled(number, bias, **labels):
-    made = ac.simulate(
+    simulation = ac.simulate(
         "tones",
         seconds=8.0,
         rig=CXL02_RIG,
         parameters={"bias": bias, "scale_factor": 0.01},
         rng=np.random.default_rng(number),
     )
-    return dataclasses.replace(made.recording, name=f"run{number}", labels=RunLabels(**labels))
+    return dataclasses.replace(simulation.recording, name=f"run{number}", labels=RunLabels(**labels))
 
 
 def test_a_fit_tells_that_the_bias_drifts_over_the_dates():
@@ -136,19 +136,19 @@ def test_a_fit_tells_that_the_bias_drifts_over_the_dates():
         for k, day in enumerate(days)
     ]
     fit = ac.fit(runs)
-    found = fit.goes_with[0]
-    print(found.sentence)
-    assert "line" in found.members
-    assert found.parameter == "bias"
-    assert any("drift" in one.sentence for one in fit.remarks)
-    if found.covariate == "line":
-        assert abs(found.slope - 1e-3) < 4.0 * found.std
+    result = fit.goes_with[0]
+    print(result.sentence)
+    assert "line" in result.members
+    assert result.parameter == "bias"
+    assert any("drift" in remark.sentence for remark in fit.remarks)
+    if result.covariate == "line":
+        assert abs(result.slope - 1e-3) < 4.0 * result.std
     judged = ac.diagnose(fit, runs)
-    assert "goes_with" in {one.code for one in judged.remarks}
+    assert "goes_with" in {remark.code for remark in judged.remarks}
 
 
 def test_what_is_the_same_in_all_runs_or_not_declared_is_not_tried():
     runs = [labelled(k, 0.05, date=float(k), mounting="A", operator="AB"[k % 2]) for k in range(4)]
-    names = {one.name for one in covariates_of(runs, "m/s²")}
+    names = {item.name for item in covariates_of(runs, "m/s²")}
     assert names == {"line", "logarithm", "walk", "operator"}
     assert covariates_of([*runs[:3], labelled(4, 0.05)], "m/s²") == []

@@ -25,9 +25,9 @@ def squares(folder: Path) -> np.ndarray:
     for seed in range(RECORDS):
         record = TABLE["l-creep-cxl02"].build(900 + seed)
         solution = solve_runs(Model.linear(), [load(record.write(folder, f"run{seed}"))])
-        found = {e.name: e for e in solution.layout.estimates(solution.x, solution.covariance, solution.model)}
+        results = {e.name: e for e in solution.layout.estimates(solution.x, solution.covariance, solution.model)}
         names = ("scale_factor", "time_offset")
-        total += [((found[n].value - record.truth[n]) / found[n].std) ** 2 for n in names]
+        total += [((results[n].value - record.truth[n]) / results[n].std) ** 2 for n in names]
     return total
 
 

@@ -54,10 +54,10 @@ def of(fit):
 def test_nine_parameters_are_least_squares_and_the_truth():
     z = []
     for seed in range(60):
-        made = positions(np.random.default_rng(seed))
-        fit = fit_triad(made)
+        table = positions(np.random.default_rng(seed))
+        fit = fit_triad(table)
         if seed < 5:
-            assert of(fit) == pytest.approx(by_optimiser(made.mean, G), rel=1e-9)
+            assert of(fit) == pytest.approx(by_optimiser(table.mean, G), rel=1e-9)
         std = np.array(
             [dict(fit.std)[name] for name in ("K_x", "K_y", "K_z", "T_xy", "T_xz", "T_yz", "b_x", "b_y", "b_z")]
         )
@@ -65,7 +65,7 @@ def test_nine_parameters_are_least_squares_and_the_truth():
     rms = float(np.sqrt(np.mean(np.square(z))))
     print(f"z-rms {rms:.3f} of {np.size(z)} (0.9 to 1.1)")
     assert 0.9 < rms < 1.1
-    assert np.linalg.norm(fit.apply(made.mean), axis=1) == pytest.approx(G + fit.residual)
+    assert np.linalg.norm(fit.apply(table.mean), axis=1) == pytest.approx(G + fit.residual)
 
 
 def test_a_term_of_second_order_is_reported_with_what_it_is_confounded_with():
@@ -73,19 +73,19 @@ def test_a_term_of_second_order_is_reported_with_what_it_is_confounded_with():
     false = sum(fit_triad(positions(np.random.default_rng(s))).missing is not None for s in range(100))
     assert false <= stats.binom.ppf(0.975, 100, 0.01)
     for seed in range(10):
-        found = fit_triad(positions(np.random.default_rng(seed), second=1e-4))
-        assert found.missing.members == ("K_x,xy", "K_y,xx")
-        assert "does not tell them apart" in found.sentence
+        result = fit_triad(positions(np.random.default_rng(seed), second=1e-4))
+        assert result.missing.members == ("K_x,xy", "K_y,xx")
+        assert "does not tell them apart" in result.sentence
 
 
 def test_positions_that_do_not_determine_it_are_refused():
-    made = positions(np.random.default_rng(1))
+    table = positions(np.random.default_rng(1))
     with pytest.raises(ac.RecordingError, match="5 positions; scale and zero of three axes need at least 6"):
-        fit_triad(Positions(made.mean[:5], made.std[:5], made.samples[:5], G, "few.csv"))
-    flat = made.mean.copy()
+        fit_triad(Positions(table.mean[:5], table.std[:5], table.samples[:5], G, "few.csv"))
+    flat = table.mean.copy()
     flat[:, 2] = 32_400.0 + np.random.default_rng(2).standard_normal(len(flat))
     with pytest.raises(ac.NotIdentifiable, match="do not determine nine parameters"):
-        fit_triad(Positions(flat, made.std, made.samples, G, "flat.csv"))
+        fit_triad(Positions(flat, table.std, table.samples, G, "flat.csv"))
 
 
 FACES = np.vstack([np.eye(3), -np.eye(3)])
@@ -151,16 +151,16 @@ def test_the_positions_of_imu_tk(tmp_path):
     segments = json.loads(SEGMENTS.read_text())
     data = np.loadtxt(REAL, delimiter=",", skiprows=1)
     parts = [data[a : b + 1, 1:] for a, b in segments]
-    made = Positions(
+    table = Positions(
         np.array([part.mean(axis=0) for part in parts]),
         np.array([part.std(axis=0, ddof=1) for part in parts]),
         np.array([float(len(part)) for part in parts]),
         9.81744,
         "xsens_acc.csv",
     )
-    fit = fit_triad(made)
+    fit = fit_triad(table)
     print(f"{len(parts)} positions: rms {fit.rms:.3g} m/s², {fit.ratio:.2f} times white noise; {fit.sentence}")
-    assert of(fit) == pytest.approx(by_optimiser(made.mean, 9.81744), rel=1e-9)
+    assert of(fit) == pytest.approx(by_optimiser(table.mean, 9.81744), rel=1e-9)
     assert fit.verdict == "adequate"
     assert 3.0 < fit.ratio < 4.5
     assert any("times what noise within them" in text for text in fit.remarks)

@@ -66,17 +66,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def one(folder: Path) -> tuple[Triad, tuple[Recording, ...], Positions, ac.Fit]:
+def triad_fit(folder: Path) -> tuple[Triad, tuple[Recording, ...], Positions, ac.Fit]:
     """A sensor, its motion, its positions, and the fit of both."""
     triad = still(300)
     axes, positions = ac.load_axes(triad.write(folder)), held(triad)
     return triad, axes, positions, ac.fit([*axes, positions])
 
 
-def errors(fit: ac.Fit, known: dict[tuple[str, str], float], names=SHARED) -> tuple[np.ndarray, np.ndarray]:
+def errors(fit: ac.Fit, truth: dict[tuple[str, str], float], names=SHARED) -> tuple[np.ndarray, np.ndarray]:
     """Errors of some parameters, and their covariance."""
     rows = [k for k, e in enumerate(fit.free) if e.name in names]
-    wrong = np.array([fit.free[k].value - known[fit.free[k].name, fit.free[k].axis] for k in rows])
+    wrong = np.array([fit.free[k].value - truth[fit.free[k].name, fit.free[k].axis] for k in rows])
     return wrong, fit.covariance[np.ix_(rows, rows)]
 
 
@@ -94,9 +94,9 @@ def norm_slopes(positions: Positions, x: np.ndarray) -> np.ndarray:
     return np.column_stack([(norm(x + h) - norm(x - h)) / 2e-6 for h in steps]) / np.sqrt(positions.white[:, :1])
 
 
-def test_motion_and_positions_are_one_dense_problem(one):
+def test_motion_and_positions_are_one_dense_problem(triad_fit):
     """Estimates and covariance of one step from the fit against least squares with two angles of each position."""
-    _, axes, positions, fit = one
+    _, axes, positions, fit = triad_fit
     states = restored_states(fit, [replace(axes[0], positions=positions), *axes[1:]])
     layout = Layout.of(fit.model, outputs_of(axes))
     at, belief = layout.gather([state.values for state in states]), layout.prior_information(fit.model)
@@ -155,11 +155,11 @@ def test_parameters_of_motion_and_positions_are_as_right_as_they_say(folder, dra
     for seed in range(400, 400 + draws):
         triad = still(seed)
         axes, positions = ac.load_axes(triad.write(folder)), held(triad)
-        fit, known = ac.fit([*axes, positions]), triad.known()
+        fit, truth = ac.fit([*axes, positions]), triad.true_values()
         disagree += "positions_disagree" in codes(fit)
-        wrong, covariance = errors(fit, known)
+        wrong, covariance = errors(fit, truth)
         nees.append(wrong @ np.linalg.solve(covariance, wrong))
-        wrong, covariance = errors(fit, known, ("scale_factor",))
+        wrong, covariance = errors(fit, truth, ("scale_factor",))
         twin.append(9.0 * wrong @ np.linalg.solve(covariance, wrong))
         if seed < 404:
             motion = ac.fit(axes)
@@ -178,46 +178,46 @@ def test_parameters_of_motion_and_positions_are_as_right_as_they_say(folder, dra
     assert disagree <= stats.binom.ppf(0.999, draws, 0.01)
 
 
-def test_positions_of_another_sensor_disagree_in_words(one):
+def test_positions_of_another_sensor_disagree_in_words(triad_fit):
     """One scale factor differs by 20 standard deviations of the difference of both; the twin is the fixture."""
-    triad, axes, _, fit = one
+    triad, axes, _, fit = triad_fit
     motion = next(e.std for e in ac.fit(axes).free if (e.name, e.axis) == ("scale_factor", "y"))
     other = ac.fit([*axes, held(triad, scale=(1.0, 1.0 + 20.0 * motion, 1.0))])
-    said = next(note for note in other.remarks if note.code == "positions_disagree")
-    assert said.values["p"] < 1e-9
-    assert said.values["parameter"] == "scale_factor"
-    assert "chi-square" in said.sentence
-    assert "below alpha = 0.01" in said.sentence
-    assert f"y {20.0 * motion:+.2g}"[:6] in said.sentence
+    remark = next(note for note in other.remarks if note.code == "positions_disagree")
+    assert remark.values["p"] < 1e-9
+    assert remark.values["parameter"] == "scale_factor"
+    assert "chi-square" in remark.sentence
+    assert "below alpha = 0.01" in remark.sentence
+    assert f"y {20.0 * motion:+.2g}"[:6] in remark.sentence
     agreed = next(note for note in fit.remarks if note.code == "positions_agree")
     assert agreed.values["freedom"] == 9
     assert "not below alpha = 0.01" in agreed.sentence
 
 
-def test_a_bias_that_differs_between_both_is_varied(one):
-    triad, axes, _, _ = one
+def test_a_bias_that_differs_between_both_is_varied(triad_fit):
+    triad, axes, _, _ = triad_fit
     later = held(triad, bias=0.02)
     shared, varied = ac.fit([*axes, later]), ac.fit([*axes, later], ac.Model.linear().vary("bias"))
-    said = next(note for note in shared.remarks if note.code == "positions_disagree")
-    assert said.values["parameter"] == "bias"
+    remark = next(note for note in shared.remarks if note.code == "positions_disagree")
+    assert remark.values["parameter"] == "bias"
     assert "positions_agree" in codes(varied)
-    wrong, covariance = errors(varied, triad.known())
+    wrong, covariance = errors(varied, triad.true_values())
     assert wrong @ np.linalg.solve(covariance, wrong) < stats.chi2.ppf(0.999, 12)
     with pytest.raises(ac.AccelcalError, match="differs from run to run"):
         ac.fit(axes, ac.Model.linear().vary("bias"))
 
 
 @pytest.mark.parametrize("count", [2, 6])
-def test_few_positions_are_rows_as_well(one, count):
-    triad, axes, _, _ = one
+def test_few_positions_are_rows_as_well(triad_fit, count):
+    triad, axes, _, _ = triad_fit
     fit = ac.fit([*axes, held(triad, count=count)])
-    wrong, covariance = errors(fit, triad.known())
+    wrong, covariance = errors(fit, triad.true_values())
     assert wrong @ np.linalg.solve(covariance, wrong) < stats.chi2.ppf(0.999, 12)
     assert (len(fit.dwells.residual), fit.dwells.freedom) == (count, 0)
 
 
-def test_a_hand_that_shakes_widens_the_uncertainty(one):
-    triad, axes, _, fit = one
+def test_a_hand_that_shakes_widens_the_uncertainty(triad_fit):
+    triad, axes, _, fit = triad_fit
     positions = held(triad, count=30)
     shaken = positions.mean + 3e-3 * np.random.default_rng(7).standard_normal(positions.mean.shape)
     wide = ac.fit([*axes, replace(positions, mean=shaken)])
@@ -246,13 +246,13 @@ def test_two_motions_and_positions_are_one_sensor(folder):
     second.truth = first.truth
     axes = [*ac.load_axes(first.write(folder)), *ac.load_axes(second.write(folder))]
     fit = ac.fit([*axes, held(first)])
-    wrong, covariance = errors(fit, first.known())
+    wrong, covariance = errors(fit, first.true_values())
     assert wrong @ np.linalg.solve(covariance, wrong) < stats.chi2.ppf(0.999, 12)
     assert "positions_agree" in codes(fit)
 
 
-def test_effects_of_one_output_and_the_model_file_go_with_positions(one, tmp_path):
-    _, axes, positions, fit = one
+def test_effects_of_one_output_and_the_model_file_go_with_positions(triad_fit, tmp_path):
+    _, axes, positions, fit = triad_fit
     better = ac.add(fit, [*axes, positions], "cubic_on_y")
     assert abs(better["cubic_on_y"].value) < 4.5 * better["cubic_on_y"].std
     assert better["cubic_on_y"].std < 0.1 * ac.add(ac.fit(axes), axes, "cubic_on_y")["cubic_on_y"].std
@@ -283,8 +283,8 @@ def written(triad: Triad, folder: Path) -> Path:
     return path
 
 
-def test_the_command_fits_a_motion_and_a_record_of_faces(one, tmp_path):
-    triad, _, _, fit = one
+def test_the_command_fits_a_motion_and_a_record_of_faces(triad_fit, tmp_path):
+    triad, _, _, fit = triad_fit
     board = still(300).write(tmp_path)
     faces = written(triad, tmp_path)
     shown = CliRunner().invoke(app, ["fit", str(board), str(faces)])
@@ -303,7 +303,7 @@ def test_the_command_fits_a_motion_and_a_record_of_faces(one, tmp_path):
     assert "declare the same [dwell] gravity in both sidecars" in shown.output
     beside = board.with_suffix(".toml")
     beside.write_text(beside.read_text() + '[dwell]\ngravity = "9.81744 m/s^2"\n')
-    turned, standard = ac.load_axes(board)[0], one[1][0]
+    turned, standard = ac.load_axes(board)[0], triad_fit[1][0]
     assert turned.side[LEVELS[0]].y == pytest.approx(standard.side[LEVELS[0]].y * 9.81744 / G, rel=1e-9)
     # the simulated sensor turns in standard gravity, so that all scale factors are 0.11 % smaller
     assert ac.fit([*ac.load_axes(board), load_positions(faces)])["scale_factor"].value == pytest.approx(
@@ -317,12 +317,12 @@ def test_a_unit_of_one_of_three_outputs_is_corrected_at_its_channel(tmp_path):
     sidecar.write_text(
         sidecar.read_text().replace('column = "accel_y", unit = "m/s^2"', 'column = "accel_y", unit = "g"')
     )
-    said = next(note for note in ac.fit(ac.load_axes(path)).remarks if note.code == "implausible_scale")
-    assert 'Write [channels] accel_y = { column = "accel_y", unit = "m/s^2" }' in said.sentence
+    remark = next(note for note in ac.fit(ac.load_axes(path)).remarks if note.code == "implausible_scale")
+    assert 'Write [channels] accel_y = { column = "accel_y", unit = "m/s^2" }' in remark.sentence
 
 
-def test_what_does_not_go_together_is_refused_with_the_next_step(one, tmp_path):
-    _, axes, positions, _ = one
+def test_what_does_not_go_together_is_refused_with_the_next_step(triad_fit, tmp_path):
+    _, axes, positions, _ = triad_fit
     rng = np.random.default_rng(1)
     single = ac.simulate("tones", seconds=10.0, rig=ac.simulation.ADXL105_RIG, parameters={}, rng=rng).recording
     many = np.ones(3)

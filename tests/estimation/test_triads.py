@@ -53,8 +53,8 @@ def curved(folder: Path) -> tuple[Triad, tuple[Recording, ...], ac.Fit]:
     return triad, axes, ac.fit(axes)
 
 
-def nees(fit: ac.Fit, known: dict[tuple[str, str], float]) -> float:
-    errors = np.array([e.value - known[e.name, e.axis] for e in fit.free])
+def nees(fit: ac.Fit, truth: dict[tuple[str, str], float]) -> float:
+    errors = np.array([e.value - truth[e.name, e.axis] for e in fit.free])
     return float(errors @ np.linalg.solve(fit.covariance, errors))
 
 
@@ -62,12 +62,12 @@ def test_parameters_of_all_axes_are_as_right_as_they_say(folder):
     # False alarms: once in 1000 of 24 degrees of freedom; the twin has one lever arm off by six standard deviations.
     triad = Triad(72)
     fit = ac.fit(ac.load_axes(triad.write(folder)))
-    known, most = triad.known(), scipy.stats.chi2.ppf(0.999, 24)
+    truth, most = triad.true_values(), scipy.stats.chi2.ppf(0.999, 24)
     assert len(fit.free) == 24
     assert fit.axes == ("x", "y", "z")
-    assert nees(fit, known) < most
+    assert nees(fit, truth) < most
     std = next(e.std for e in fit.free if (e.name, e.axis) == ("lever_arm.y", "x"))
-    assert nees(fit, known | {("lever_arm.y", "x"): known["lever_arm.y", "x"] + 6.0 * std}) > most
+    assert nees(fit, truth | {("lever_arm.y", "x"): truth["lever_arm.y", "x"] + 6.0 * std}) > most
 
 
 def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(curved):
@@ -83,7 +83,7 @@ def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(curved):
     assert e.axis == ""
     assert "cubic" in better.of_axis("y").model.effects
     assert "cubic_on_y" not in better.of_axis("x").model.effects
-    assert nees(better, triad.known() | {("cubic_on_y", ""): CUBIC}) < scipy.stats.chi2.ppf(0.999, 25)
+    assert nees(better, triad.true_values() | {("cubic_on_y", ""): CUBIC}) < scipy.stats.chi2.ppf(0.999, 25)
     assert better.runs[1].noise.all.density < 0.8 * fit.runs[1].noise.all.density
     assert [row["axis"] for row in judged.table().rows] == ["x", "y", "z"]
 
@@ -110,9 +110,9 @@ def test_noise_of_the_attitude_is_no_turning_that_shows_a_lever_arm(tmp_path, no
         frequencies, sizes, phases = triad.waves[5]
         triad.waves[3:] = [(frequencies, 3.0 * part * sizes, phases) for part in about]
         x = ac.load(triad.write(tmp_path), axis="x")
-        fit, known = ac.fit(x), triad.truth["lever"][0]
+        fit, truth = ac.fit(x), triad.truth["lever"][0]
         rows = [[e.name for e in fit.free].index(f"lever_arm.{part}") for part in "xyz"]
-        error = np.array([fit.free[k].value for k in rows]) - known
+        error = np.array([fit.free[k].value for k in rows]) - truth
         for v in (about, (1.0, 0.0, 0.0), np.cross(about, (1.0, 0.0, 0.0))):
             std = float(np.sqrt(v @ fit.covariance[np.ix_(rows, rows)] @ v))
             assert abs(error @ v) < 4.5 * std
@@ -206,9 +206,9 @@ def test_two_recordings_of_three_axes_share_the_sensor_and_not_the_delay(folder)
     delays = [e for e in fit.estimates if e.name == "time_offset"]
     assert [e.run for e in delays] == [0, 1]
     assert len([e for e in fit.estimates if e.name == "scale_factor"]) == 3
-    known, most = motions[0].known(), scipy.stats.chi2.ppf(0.999, len(fit.free))
-    assert nees(fit, known) < most
-    assert nees(fit, known | {("time_offset", ""): known["time_offset", ""] + 8.0 * delays[0].std}) > most
+    truth, most = motions[0].true_values(), scipy.stats.chi2.ppf(0.999, len(fit.free))
+    assert nees(fit, truth) < most
+    assert nees(fit, truth | {("time_offset", ""): truth["time_offset", ""] + 8.0 * delays[0].std}) > most
     assert fit.of_axis("y").runs[1].name == fit.runs[3].name
     assert fit.values(3).by_name["bias"] == fit.of_axis("y").values(1).by_name["bias"]
     with pytest.raises(ac.AccelcalError, match="no such coefficient for three outputs"):
@@ -272,11 +272,11 @@ SIDECAR_ERRORS = {
 }
 
 
-@pytest.mark.parametrize("found", SIDECAR_ERRORS)
-def test_a_sidecar_of_three_outputs_that_is_wrong_gets_a_sentence(folder, found):
+@pytest.mark.parametrize("result", SIDECAR_ERRORS)
+def test_a_sidecar_of_three_outputs_that_is_wrong_gets_a_sentence(folder, result):
     path = Triad(73, seconds=2.0).write(folder)
-    instead, sentence = SIDECAR_ERRORS[found]
-    path.with_suffix(".toml").write_text(path.with_suffix(".toml").read_text().replace(found, instead, 1))
+    instead, sentence = SIDECAR_ERRORS[result]
+    path.with_suffix(".toml").write_text(path.with_suffix(".toml").read_text().replace(result, instead, 1))
     with pytest.raises(RecordingError, match=sentence):
         ac.load_axes(path)
 
@@ -381,8 +381,8 @@ def test_a_gyroscope_that_is_not_that_of_the_body_is_refused(with_gyroscope, tmp
 def test_a_gyroscope_with_other_axes_is_allowed_for_and_said(with_gyroscope, tmp_path):
     plain = io.load(with_gyroscope[0], axis="x")
     swapped = io.load(with_rates(with_gyroscope[0], tmp_path / "run.csv", lambda g: g[:, [1, 2, 0]]), axis="x")
-    said = [finding.text for finding in swapped.findings if finding.kind == "carried"]
-    assert ["its axes are not those of the attitude" in text for text in said] == [True]
+    messages = [finding.text for finding in swapped.findings if finding.kind == "carried"]
+    assert ["its axes are not those of the attitude" in text for text in messages] == [True]
     assert swapped.side[GRAVITY].y == pytest.approx(plain.side[GRAVITY].y, abs=2e-3)
 
 

@@ -80,25 +80,25 @@ def quaternion(R: np.ndarray) -> np.ndarray:
     return np.column_stack([w, u / (4.0 * w[:, None])])
 
 
-def sensed(made: World, axis: np.ndarray, lever: np.ndarray | None = None) -> np.ndarray:
+def sensed(truth: World, axis: np.ndarray, lever: np.ndarray | None = None) -> np.ndarray:
     """What an ideal sensor along `axis` reads, at `lever` m from the tracked point."""
-    a = made.a
+    a = truth.a
     if lever is not None:
-        place = made.R @ lever
+        place = truth.R @ lever
         a = a + np.gradient(np.gradient(place, 1.0 / RATE, axis=0), 1.0 / RATE, axis=0)
-    return np.einsum("ni,ni->n", made.R @ axis, a + np.array([0.0, 0.0, G]))
+    return np.einsum("ni,ni->n", truth.R @ axis, a + np.array([0.0, 0.0, G]))
 
 
-def columns(made: World, axis: np.ndarray, lever: np.ndarray | None = None, seed: int = 2) -> dict[str, np.ndarray]:
-    rng, n = np.random.default_rng(seed), len(made.t)
-    output = (1.0 + K) * sensed(made, axis, lever) + BIAS + 0.01 * rng.standard_normal(n)
-    place = made.p + 2e-5 * rng.standard_normal((n, 3))
-    mean = np.mean(made.R @ axis, axis=0)
-    found = {"t": made.t, "acc": output, "pos": place @ (mean / np.linalg.norm(mean))}
-    found |= dict(zip(("e", "n", "u"), place.T, strict=True))
-    found |= dict(zip(("q_w", "q_x", "q_y", "q_z"), quaternion(made.R).T, strict=True))
-    rates = made.omega + [0.01, -0.02, 0.015] + 1e-3 * rng.standard_normal((n, 3))
-    return found | dict(zip(("wx", "wy", "wz"), rates.T, strict=True))
+def columns(truth: World, axis: np.ndarray, lever: np.ndarray | None = None, seed: int = 2) -> dict[str, np.ndarray]:
+    rng, n = np.random.default_rng(seed), len(truth.t)
+    output = (1.0 + K) * sensed(truth, axis, lever) + BIAS + 0.01 * rng.standard_normal(n)
+    place = truth.p + 2e-5 * rng.standard_normal((n, 3))
+    mean = np.mean(truth.R @ axis, axis=0)
+    results = {"t": truth.t, "acc": output, "pos": place @ (mean / np.linalg.norm(mean))}
+    results |= dict(zip(("e", "n", "u"), place.T, strict=True))
+    results |= dict(zip(("q_w", "q_x", "q_y", "q_z"), quaternion(truth.R).T, strict=True))
+    rates = truth.omega + [0.01, -0.02, 0.015] + 1e-3 * rng.standard_normal((n, 3))
+    return results | dict(zip(("wx", "wy", "wz"), rates.T, strict=True))
 
 
 ONE_AXIS = '[rig]\naxis = "level"\n[channels]\n'
@@ -125,15 +125,15 @@ X = np.array([1.0, 0.0, 0.0])
 
 def test_place_and_attitude_give_the_scale_factor_and_the_one_axis_does_not(tmp_path: Path) -> None:
     table = columns(world(), X)
-    found = estimate(Model.linear(), read(tmp_path, table, TRACKED))
-    print(found)
-    assert abs(found["scale_factor"].value - K) < 4.0 * found["scale_factor"].std < 0.01
-    assert abs(found["bias"].value - BIAS) < 4.0 * found["bias"].std < 0.02
-    assert found.noise().q == pytest.approx(0.01**2 / RATE, rel=0.3)
+    fit = estimate(Model.linear(), read(tmp_path, table, TRACKED))
+    print(fit)
+    assert abs(fit["scale_factor"].value - K) < 4.0 * fit["scale_factor"].std < 0.01
+    assert abs(fit["bias"].value - BIAS) < 4.0 * fit["bias"].std < 0.02
+    assert fit.noise().q == pytest.approx(0.01**2 / RATE, rel=0.3)
     one_axis = read(tmp_path, table, ONE_AXIS + BASE + ALONG, "one")
     blind = ac.fit(one_axis)
-    assert abs(blind["scale_factor"].value - K) > 50.0 * found["scale_factor"].std
-    assert blind["scale_factor"].std > 100.0 * found["scale_factor"].std
+    assert abs(blind["scale_factor"].value - K) > 50.0 * fit["scale_factor"].std
+    assert blind["scale_factor"].std > 100.0 * fit["scale_factor"].std
     assert blind.tilt > 1.0
     assert blind.remarks[0].code == "slow_residual"
     assert "gravity along a turning axis" in tied_sum(blind, blind["scale_factor"])
@@ -143,9 +143,9 @@ def test_a_known_orientation_needs_no_remark_and_predicts_unseen_motion(tmp_path
     fitted = ac.fit(read(tmp_path, columns(world(3), X), TRACKED))
     assert fitted.tilt == 0.0
     other = columns(world(5), X, seed=6)
-    seen = ac.compare(fitted, read(tmp_path, other, TRACKED, "other"), band=5.0)[0]
-    assert seen.accel_rms < 0.01
-    assert seen.coast_rms[1.0] < 0.01
+    evaluation = ac.compare(fitted, read(tmp_path, other, TRACKED, "other"), band=5.0)[0]
+    assert evaluation.accel_rms < 0.01
+    assert evaluation.coast_rms[1.0] < 0.01
     # The twin: the same sensor, fitted and judged along the mean axis.
     text = ONE_AXIS + BASE + ALONG
     with pytest.raises(ac.RecordingError, match="lever_arm of the model needs the channel lever_x"):
@@ -164,10 +164,10 @@ def test_either_sense_any_axis_and_holes(tmp_path: Path) -> None:
     for name in ("e", "n", "u", "q_w"):  # 0.2 s without the reference
         table[name][2000:2050] = np.nan
     text = TRACKED.replace('"x"', "[0.0, 0.6, 0.8]").replace("sensor to ENU", "ENU to sensor")
-    found = estimate(Model.linear(), read(tmp_path, table, text))
-    assert abs(found["scale_factor"].value - K) < 4.0 * found["scale_factor"].std < 0.02
+    fit = estimate(Model.linear(), read(tmp_path, table, text))
+    assert abs(fit["scale_factor"].value - K) < 4.0 * fit["scale_factor"].std < 0.02
     wrong = estimate(Model.linear(), read(tmp_path, table, text.replace("ENU to sensor", "sensor to ENU"), "wrong"))
-    assert abs(wrong["scale_factor"].value - K) > 10.0 * found["scale_factor"].std
+    assert abs(wrong["scale_factor"].value - K) > 10.0 * fit["scale_factor"].std
 
 
 def test_a_written_part_is_read_back_as_it_was(tmp_path: Path) -> None:
@@ -176,23 +176,28 @@ def test_a_written_part_is_read_back_as_it_was(tmp_path: Path) -> None:
     io.write_sidecar(recording.rig, sources, tmp_path / "part.toml")
     again = io.load(tmp_path / "part.csv")
     assert {GRAVITY, *LEVERS} <= set(again.side)
-    first, second = (estimate(Model.linear(), one) for one in (recording, again))
+    first, second = (estimate(Model.linear(), record) for record in (recording, again))
     assert second["scale_factor"].value == pytest.approx(first["scale_factor"].value, abs=1e-6)
 
 
 def test_gravity_along_the_axis_is_honoured(tmp_path: Path) -> None:
-    made = world(9, still=True)
-    made = replace(made, a=np.column_stack([made.a[:, 0], 0.0 * made.t, 0.0 * made.t]))
-    level = G * (made.R @ X)[:, 2]
+    changed = world(9, still=True)
+    changed = replace(changed, a=np.column_stack([changed.a[:, 0], 0.0 * changed.t, 0.0 * changed.t]))
+    level = G * (changed.R @ X)[:, 2]
     rng = np.random.default_rng(4)
-    output = (1.0 + K) * (made.a[:, 0] + level) + BIAS + 0.01 * rng.standard_normal(len(made.t))
-    table = {"t": made.t, "acc": output, "pos": made.p[:, 0] + 2e-5 * rng.standard_normal(len(made.t)), "g": level}
+    output = (1.0 + K) * (changed.a[:, 0] + level) + BIAS + 0.01 * rng.standard_normal(len(changed.t))
+    table = {
+        "t": changed.t,
+        "acc": output,
+        "pos": changed.p[:, 0] + 2e-5 * rng.standard_normal(len(changed.t)),
+        "g": level,
+    }
     text = ONE_AXIS + BASE + ALONG
     recording = read(tmp_path, table, text + 'gravity_along_axis = { column = "g", unit = "m/s^2" }\n')
-    found = ac.improve(recording)
-    print(found.sentence)
-    assert found.effects == ()
-    fitted = found.diagnosis.fit
+    improvement = ac.improve(recording)
+    print(improvement.sentence)
+    assert improvement.effects == ()
+    fitted = improvement.diagnosis.fit
     assert abs(fitted["scale_factor"].value - K) < 4.0 * fitted["scale_factor"].std < 0.01
     blind = ac.improve(read(tmp_path, table, text, "blind"), most=0)
     assert blind.diagnosis.remarks[0].code == "turning_sensor"
@@ -201,21 +206,21 @@ def test_gravity_along_the_axis_is_honoured(tmp_path: Path) -> None:
 
 
 def test_a_gyroscope_gives_the_tilt_with_its_drift(tmp_path: Path) -> None:
-    made = world(11, degrees=3.0, still=True, seconds=40.0)
-    table = columns(replace(made, a=made.a * X), X)
-    table["acc"] = (1.0 + K) * (made.a[:, 0] + G * (made.R @ X)[:, 2]) + BIAS  # a car drives along its own axis
-    table["acc"] = table["acc"] + 0.01 * np.random.default_rng(3).standard_normal(len(made.t))
+    truth = world(11, degrees=3.0, still=True, seconds=40.0)
+    table = columns(replace(truth, a=truth.a * X), X)
+    table["acc"] = (1.0 + K) * (truth.a[:, 0] + G * (truth.R @ X)[:, 2]) + BIAS  # a car drives along its own axis
+    table["acc"] = table["acc"] + 0.01 * np.random.default_rng(3).standard_normal(len(truth.t))
     recording = read(tmp_path, table, TURNING)
     assert set(recording.side) == set(TURNED)
-    found = estimate(Model.linear(), recording)
-    print(found)
+    fit = estimate(Model.linear(), recording)
+    print(fit)
     # The gyroscope's own noise adds a random walk of 0.0006 m/s² per root second, which no coefficient knows of.
-    assert found["scale_factor"].value == pytest.approx(K, abs=0.01)
-    assert abs(found["gyroscope_tilt.1"].value) == pytest.approx((1.0 + K) * G, rel=0.02)
-    assert abs(found["gyroscope_tilt.2"].value) < 4.0 * found["gyroscope_tilt.2"].std
-    assert not [*slow_residual(found, prepare(recording, found.origins))]
+    assert fit["scale_factor"].value == pytest.approx(K, abs=0.01)
+    assert abs(fit["gyroscope_tilt.1"].value) == pytest.approx((1.0 + K) * G, rel=0.02)
+    assert abs(fit["gyroscope_tilt.2"].value) < 4.0 * fit["gyroscope_tilt.2"].std
+    assert not [*slow_residual(fit, prepare(recording, fit.origins))]
     blind = estimate(Model.linear(), read(tmp_path, table, ONE_AXIS + BASE + ALONG, "blind"))
-    assert blind["scale_factor"].std > 2.0 * found["scale_factor"].std  # tilt is slow noise to it
+    assert blind["scale_factor"].std > 2.0 * fit["scale_factor"].std  # tilt is slow noise to it
     assert abs(blind["scale_factor"].value - K) < 4.0 * blind["scale_factor"].std
     again = prepare(read(tmp_path, table, ONE_AXIS + BASE + ALONG, "again"), blind.origins)
     assert [*slow_residual(blind, again)]
@@ -223,15 +228,15 @@ def test_a_gyroscope_gives_the_tilt_with_its_drift(tmp_path: Path) -> None:
 
 def test_a_lever_arm_is_estimated(tmp_path: Path) -> None:
     lever = np.array([0.03, -0.05, 0.08])
-    made = world(13, degrees=12.0)
+    truth = world(13, degrees=12.0)
     fast = world(13, degrees=12.0)
     recording = read(tmp_path, columns(fast, X, lever), TRACKED)
-    found = estimate(Model.linear(), recording)
+    fit = estimate(Model.linear(), recording)
     for axis, true in zip("xyz", lever, strict=True):
-        lever = found[f"lever_arm.{axis}"]
+        lever = fit[f"lever_arm.{axis}"]
         print(lever)
         assert abs(lever.value - true) < 4.5 * lever.std
-    twin = estimate(Model.linear(), read(tmp_path, columns(made, X), TRACKED, "twin"))
+    twin = estimate(Model.linear(), read(tmp_path, columns(truth, X), TRACKED, "twin"))
     assert max(abs(twin[f"lever_arm.{axis}"].value) / twin[f"lever_arm.{axis}"].std for axis in "xyz") < 4.5
 
 
@@ -252,17 +257,19 @@ def test_the_path_has_the_projected_acceleration() -> None:
 @pytest.mark.parametrize("drifting", [True, False])
 def test_noise_that_the_output_does_not_show_is_not_the_outputs(drifting: bool) -> None:
     rng = np.random.default_rng(8)
-    made = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05, "scale_factor": 0.01}, rng=rng)
-    recording, position = made.recording, made.recording.position
+    simulation = ac.simulate(
+        "tones", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05, "scale_factor": 0.01}, rng=rng
+    )
+    recording, position = simulation.recording, simulation.recording.position
     if drifting:  # white as an acceleration, twenty times the noise of the sensor
         shaken = 20.0 * 1e-2 * rng.standard_normal(len(position))
         step = np.median(np.diff(position.t))
         error = np.cumsum(np.cumsum(shaken)) * step**2
         error -= np.polyval(np.polyfit(position.t, error, 12), position.t)
         recording = replace(recording, position=replace(position, y=position.y + error))
-    found = estimate(Model.linear(), recording)
-    assert (found.runs[0].noise.band is not None) == drifting
-    assert found["scale_factor"].value == pytest.approx(0.01, abs=0.01)
+    fit = estimate(Model.linear(), recording)
+    assert (fit.runs[0].noise.band is not None) == drifting
+    assert fit["scale_factor"].value == pytest.approx(0.01, abs=0.01)
 
 
 REFUSED = [
@@ -281,11 +288,11 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "said"), REFUSED)
-def test_a_wrong_declaration_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+@pytest.mark.parametrize(("old", "new", "text"), REFUSED)
+def test_a_wrong_declaration_is_refused(tmp_path: Path, old: str, new: str, text: str) -> None:
     table = {name: y[:400] for name, y in columns(world(seconds=2.0), X).items()}
     assert old in TRACKED
-    with pytest.raises(ac.RecordingError, match=said):
+    with pytest.raises(ac.RecordingError, match=text):
         read(tmp_path, table, TRACKED.replace(old, new, 1))
 
 
@@ -305,8 +312,8 @@ CELLS = [
 ]
 
 
-@pytest.mark.parametrize(("wrong", "sidecar", "said"), CELLS)
-def test_wrong_cells_are_refused(tmp_path: Path, wrong: str, sidecar: str, said: str) -> None:
+@pytest.mark.parametrize(("wrong", "sidecar", "text"), CELLS)
+def test_wrong_cells_are_refused(tmp_path: Path, wrong: str, sidecar: str, text: str) -> None:
     table = {name: y[:400] for name, y in columns(world(seconds=2.0), X).items()}
     t = table["t"]
     changed = {
@@ -317,7 +324,7 @@ def test_wrong_cells_are_refused(tmp_path: Path, wrong: str, sidecar: str, said:
         "angle": {"g": np.linspace(-90.0, 90.0, 400)},
         "": {},
     }
-    with pytest.raises(ac.RecordingError, match=said):
+    with pytest.raises(ac.RecordingError, match=text):
         read(tmp_path, table | changed[wrong], sidecar)
 
 
@@ -325,11 +332,12 @@ def test_check_asks_where_columns_look_like_an_orientation(tmp_path: Path) -> No
     table = {name: y[:400] for name, y in columns(world(seconds=2.0), X).items()}
     table |= {f"gyro_{c}": table.pop(f"w{c}") for c in "xyz"}
     recording = read(tmp_path, table, ONE_AXIS + BASE + ALONG)
-    said = summarise(recording)
-    assert "orientation: not recorded; the axis is taken to keep its direction" in said
+    summary = summarise(recording)
+    assert "orientation: not recorded; the axis is taken to keep its direction" in summary
     assert (
-        'gyroscope (gyro_x, gyro_y, gyro_z): map them as gyr_x, gyr_y, gyr_z and write [rig] input_axis = "x"' in said
+        'gyroscope (gyro_x, gyro_y, gyro_z): map them as gyr_x, gyr_y, gyr_z and write [rig] input_axis = "x"'
+        in summary
     )
-    assert 'columns = ["q_w", "q_x", "q_y", "q_z"]' in said
+    assert 'columns = ["q_w", "q_x", "q_y", "q_z"]' in summary
     assert 'gyr_x = { column = "gyro_x"' in io.template(tmp_path / "run.csv")
     assert "orientation: recorded" in summarise(read(tmp_path, table, TRACKED))

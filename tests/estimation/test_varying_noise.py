@@ -19,8 +19,8 @@ GROWS = found_by("noise over speed")
 def state() -> RunState:
     """A simulated run, for its settings alone."""
     rng = np.random.default_rng(3)
-    made = ac.simulate("tones", seconds=40.0, rig=ADXL105_RIG, parameters={}, rng=rng)
-    return solve_runs(ac.Model.linear(), [made.recording]).states[0]
+    simulation = ac.simulate("tones", seconds=40.0, rig=ADXL105_RIG, parameters={}, rng=rng)
+    return solve_runs(ac.Model.linear(), [simulation.recording]).states[0]
 
 
 def drawn(state: RunState, noise: Noise, function: VarianceFunction, rng: np.random.Generator) -> DriveIntegrals:
@@ -49,19 +49,19 @@ def test_both_shares_are_found_and_innovations_are_white_and_even(state):
     true = Noise(2e-6, 1e-12, (NoiseGrowth(GROWS, 8e-6, 4e-12),))
     record = drawn(state, true, function, rng)
     start = Noise(4e-6, 2e-12, (NoiseGrowth(GROWS),))
-    found = most_likely(state.run, record, start, [function])
-    for one, other in ((found, true), (found.growth[0], true.growth[0])):
-        assert one.q == pytest.approx(other.q, rel=0.25)
-        assert one.r == pytest.approx(other.r, rel=0.25)
+    result = most_likely(state.run, record, start, [function])
+    for estimate, other in ((result, true), (result.growth[0], true.growth[0])):
+        assert estimate.q == pytest.approx(other.q, rel=0.25)
+        assert estimate.r == pytest.approx(other.r, rel=0.25)
 
     def unevenness(noise: Noise) -> float:
         track = run_filter(state.run, with_growth(record, noise, [function]), noise)
         y = (track.series("e") ** 2 / track.series("S"))[500:]
         bins = np.array_split(y[np.argsort(function.at[500:], kind="stable")], 10)
-        return float(sum((one.mean() - 1.0) ** 2 / (2.0 / len(one)) for one in bins))
+        return float(sum((estimate.mean() - 1.0) ** 2 / (2.0 / len(estimate)) for estimate in bins))
 
-    assert unevenness(found) < 35.6  # chi-square with 10 degrees of freedom at 1e-4
-    assert unevenness(Noise(found.q + 8e-6, found.r + 4e-12, (NoiseGrowth(GROWS),))) > 35.6
+    assert unevenness(result) < 35.6  # chi-square with 10 degrees of freedom at 1e-4
+    assert unevenness(Noise(result.q + 8e-6, result.r + 4e-12, (NoiseGrowth(GROWS),))) > 35.6
 
 
 def test_growth_scales_with_its_noise():

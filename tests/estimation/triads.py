@@ -80,7 +80,7 @@ class Triad:
         up = np.array([*self.truth["up"], 1.0])
         return np.asarray(self.series(t)[1].inv().apply(acceleration + G * up))
 
-    def known(self) -> dict[tuple[str, str], float]:
+    def true_values(self) -> dict[tuple[str, str], float]:
         """The parameters by name and axis, as the product calls them."""
         values = {("time_offset", ""): float(self.truth["delay"])}
         values |= dict(zip((("world_tilt.e", ""), ("world_tilt.n", "")), self.truth["up"].tolist(), strict=True))

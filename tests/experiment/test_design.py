@@ -82,7 +82,7 @@ def test_set_points_are_the_motion(odd):
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"effects": ["tilt"]}, "cannot be shown by any motion"),
         ({"effects": ["bias"]}, "in every model"),
@@ -94,7 +94,7 @@ def test_set_points_are_the_motion(odd):
         ({"seconds": 1.0}, "too short"),
     ],
 )
-def test_what_no_motion_can_do_is_refused(changed, said):
+def test_what_no_motion_can_do_is_refused(changed, message):
     asked = {
         "effects": ["cubic"],
         "stroke": 0.2,
@@ -103,7 +103,7 @@ def test_what_no_motion_can_do_is_refused(changed, said):
         "seconds": 20.0,
         "rig": CXL02_RIG,
     }
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         plan(**{**asked, **changed})
 
 
@@ -111,9 +111,9 @@ LIMITS_GIVEN = ("--stroke", "20 cm", "--vmax", "0.1 m/s", "--amax", "20 m/s^2", 
 
 
 def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
-    made = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
-    content = json.loads(made.stdout)
+    plan = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
+    assert plan.returncode == 0, plan.stderr
+    content = json.loads(plan.stdout)
     assert content["schema"] == "accelcal/plan/5"
     require_published(content)
     assert content["limits"]["stroke"] == 0.2
@@ -122,22 +122,22 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     assert rows[0] == ["t_s", "position_m"]
     position = np.array([float(row[1]) for row in rows[1:]])
     assert np.ptp(position) <= 0.2
-    seen = accelcal("power", "m.csv", "--json", cwd=tmp_path)
-    assert seen.returncode == 0, seen.stderr
-    known = {each["effect"]: each for each in json.loads(seen.stdout)["detectabilities"]}
-    for each in (one for one in content["power"]["detectabilities"] if one["effect"] in content["effects"]):
+    answer = accelcal("power", "m.csv", "--json", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    limits = {item["effect"]: item for item in json.loads(answer.stdout)["detectabilities"]}
+    for item in (limit for limit in content["power"]["detectabilities"] if limit["effect"] in content["effects"]):
         # The file is read at 1000 Hz, the plan was judged at 833.5 Hz: R counts for 20 % less.
-        assert known[each["effect"]]["smallest"] == pytest.approx(each["smallest"], rel=0.1)
+        assert limits[item["effect"]]["smallest"] == pytest.approx(item["smallest"], rel=0.1)
 
 
 def test_power_of_a_recording_and_its_refusals(tmp_path):
     from accelcal.cli import write_recording
 
-    made = ac.simulate("bursts", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
-    write_recording(made.recording, tmp_path / "run.csv")
-    seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
-    assert seen.returncode == 0, seen.stderr
-    content = json.loads(seen.stdout)
+    simulation = ac.simulate("bursts", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    write_recording(simulation.recording, tmp_path / "run.csv")
+    answer = accelcal("power", "run.csv", "--json", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    content = json.loads(answer.stdout)
     assert content["schema"] == "accelcal/power/5"
     require_published(content)
     (tmp_path / "bare.csv").write_text("t_s,position_m\n" + "".join(f"{k / 100},{k % 7}e-3\n" for k in range(100)))
@@ -154,8 +154,8 @@ def test_a_limit_without_unit_is_refused_and_power_prints_whole_names_and_units(
     assert refused.returncode == 2
     assert "no unit" in refused.stderr
     assert "0.2 m" in refused.stderr
-    made = accelcal("plan", "--effects", "cubic", *limits, "-o", "m.csv", cwd=tmp_path)
-    assert "within 0.2 m, 0.1 m/s, 20 m/s²" in " ".join(made.stdout.split())
+    plan = accelcal("plan", "--effects", "cubic", *limits, "-o", "m.csv", cwd=tmp_path)
+    assert "within 0.2 m, 0.1 m/s, 20 m/s²" in " ".join(plan.stdout.split())
     printed = accelcal("power", "m.csv", cwd=tmp_path).stdout
-    for said in ("vibration_rectification", "encoder_nonlinearity", "(m/s²)⁻²", "Confounded:"):
-        assert said in printed
+    for phrase in ("vibration_rectification", "encoder_nonlinearity", "(m/s²)⁻²", "Confounded:"):
+        assert phrase in printed

@@ -32,7 +32,7 @@ from accelcal.simulation.sensor import PARAMETERS, Truth
 from tests.consistency.cramer_rao import bound
 from tests.worlds import World
 
-from .trials import Pair, fitted, found, least_distance, predicted_detection
+from .trials import Pair, any_enters, fitted, least_distance, predicted_detection
 
 PLAIN = Rig(sensor=Sensor(noise=2e-3), resolution=1e-6)
 """No low-pass, so that nothing but the base is projected out."""
@@ -73,22 +73,22 @@ def test_the_price_of_coefficients_counts_where_it_exceeds_significance():
 
 
 def test_the_smallest_size_is_detected_with_95_percent():
-    seen = power_of_motion(TONES, PLAIN)
-    limit = seen["quadratic"]
+    powers = power_of_motion(TONES, PLAIN)
+    limit = powers["quadratic"]
     probability = predicted_detection(
-        limit.smallest[0] * limit.d[0], seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks
+        limit.smallest[0] * limit.d[0], powers.examined, FAMILYWISE_ALPHA, blocks=powers.blocks
     )
     assert probability == pytest.approx(0.95, abs=1e-6)  # inverse of a smooth function
 
 
 def test_detection_with_rivals_and_scatter_is_near_that_of_one_effect_and_below_alpha_without_one():
-    seen = power_of_motion(TONES, PLAIN)
-    d = seen["quadratic"].d[0]
+    powers = power_of_motion(TONES, PLAIN)
+    d = powers["quadratic"].d[0]
     for distance in (3.0, 4.0, 5.0):
-        probability = predicted_detection(distance, seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
+        probability = predicted_detection(distance, powers.examined, FAMILYWISE_ALPHA, blocks=powers.blocks)
         # Scatter of 2 to 5 % costs up to 0.1 sigma, 4 points; rivals bring up to 10; draws err by 0.8.
-        assert probability - 0.05 < seen.detection("quadratic", distance / d) < probability + 0.1
-    assert 0.0 < seen.detection("quadratic", 0.0) <= FAMILYWISE_ALPHA + 0.004  # 4 sigma of 4000 draws
+        assert probability - 0.05 < powers.detection("quadratic", distance / d) < probability + 0.1
+    assert 0.0 < powers.detection("quadratic", 0.0) <= FAMILYWISE_ALPHA + 0.004  # 4 sigma of 4000 draws
 
 
 # Information
@@ -110,8 +110,8 @@ def test_information_is_that_of_the_cramer_rao_bound(name):
 def test_a_plan_and_its_record_agree():
     rig = ADXL105_RIG
     moving = motion("interleaved", 20.0, np.random.default_rng(3))
-    made = ac.simulate(moving, seconds=20.0, rig=rig, parameters={"bias": 0.05}, rng=np.random.default_rng(4))
-    ahead, after = power_of_motion(moving, rig), power(Model.linear(), made.recording)
+    simulation = ac.simulate(moving, seconds=20.0, rig=rig, parameters={"bias": 0.05}, rng=np.random.default_rng(4))
+    ahead, after = power_of_motion(moving, rig), power(Model.linear(), simulation.recording)
     assert (ahead.examined, ahead.alpha) == (after.examined, after.alpha)
     for name in ("quadratic", "cubic", "coulomb", "bias_drift", "clock_skew", "encoder_backlash"):
         # The fitted density is uncertain by 3 % on 20 s.
@@ -135,12 +135,12 @@ def test_d_is_inversely_proportional_to_the_noise_of_sensor_and_encoder():
 
 
 def test_effects_of_the_model_are_no_candidates():
-    seen = power_of_motion(TONES, PLAIN, model=Model.cubic())
-    names = {limit.effect for limit in seen.detectabilities}
+    powers = power_of_motion(TONES, PLAIN, model=Model.cubic())
+    names = {limit.effect for limit in powers.detectabilities}
     assert "quadratic" not in names
     assert "odd_quadratic" in names
     with pytest.raises(KeyError, match="in the model"):
-        seen["cubic"]
+        powers["cubic"]
 
 
 def test_set_points_are_followed_through_jerk():
@@ -157,11 +157,11 @@ def test_set_points_are_followed_through_jerk():
 
 
 def test_one_tone_confounds_odd_powers_and_hides_functions_of_position():
-    seen = power_of_motion(single_tone(), PLAIN)
-    assert "odd_quadratic" in seen["cubic"].members
-    assert any({"cubic", "odd_quadratic"} <= set(group.members) for group in seen.ties)
-    assert not seen["rail_slope"].seen  # p is a times a constant: it belongs to the scale factor
-    again = Power.from_json(seen.to_json())
+    powers = power_of_motion(single_tone(), PLAIN)
+    assert "odd_quadratic" in powers["cubic"].members
+    assert any({"cubic", "odd_quadratic"} <= set(group.members) for group in powers.ties)
+    assert not powers["rail_slope"].visible  # p is a times a constant: it belongs to the scale factor
+    again = Power.from_json(powers.to_json())
     assert again["rail_slope"].smallest == (math.inf,)
     assert again["cubic"].smallest[0] > 0.0
     with pytest.raises(ValueError, match=r"detection_model is not stored in this JSON: accelcal\.power"):
@@ -179,11 +179,11 @@ def test_confounded_groups_exceed_the_correlation_and_name_an_experiment():
 
 
 @pytest.mark.parametrize(
-    ("rig", "said"),
+    ("rig", "message"),
     [(Rig(resolution=1e-6), "noise density"), (Rig(sensor=Sensor(noise=1e-3)), "resolution")],
 )
-def test_a_plan_without_a_data_sheet_is_refused_with_the_cure(rig, said):
-    with pytest.raises(ValueError, match=said):
+def test_a_plan_without_a_data_sheet_is_refused_with_the_cure(rig, message):
+    with pytest.raises(ValueError, match=message):
         power_of_motion(TONES, rig)
 
 
@@ -217,7 +217,7 @@ def test_detections_are_as_frequent_as_predicted_and_not_as_for_twice_the_size(p
     # False alarms: one in a thousand for each pair.
     sized = pair.sized()
     records = [sized.record(seed) for seed in range(RECORDS)]
-    count = sum(found(state) for state in records)
+    count = sum(any_enters(state) for state in records)
     right, twice = np.mean(
         [[sized.predicted(state), sized.predicted(state, 2.0)] for state in records[:PREDICTED]], axis=0
     )
@@ -230,8 +230,11 @@ def test_detections_are_as_frequent_as_predicted_and_not_as_for_twice_the_size(p
 
 def test_limits_of_a_diagnosis_are_those_of_power():
     state = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
-    limits, seen = scan([state], Model.linear()).detection_limits, with_drift(detectability_of(state, Model.linear()))
-    sizes = {limit.effect: min(limit.smallest) for limit in seen.detectabilities}
+    limits, drifting = (
+        scan([state], Model.linear()).detection_limits,
+        with_drift(detectability_of(state, Model.linear())),
+    )
+    sizes = {limit.effect: min(limit.smallest) for limit in drifting.detectabilities}
     random_processes = {effect.name for effect in BUILT_IN if effect.port == "process"}
     # Instants of jumps and periods of waves come from the record in a diagnosis, and are spread evenly by power.
     assert set(limits) == set(sizes) - random_processes
@@ -246,17 +249,17 @@ def test_an_effect_that_the_base_contains_has_no_limit(moving, visible):
     state = planned_state(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
     limit = scan([state], Model.linear()).detection_limits["rail_slope"]
     assert math.isfinite(limit) == visible
-    assert power_of_motion(moving, PLAIN)["rail_slope"].seen == visible
+    assert power_of_motion(moving, PLAIN)["rail_slope"].visible == visible
 
 
 def test_two_parts_require_a_larger_distance_and_each_part_has_its_size():
-    seen = power_of_motion(TONES, PLAIN)
-    two_parts = seen["encoder_nonlinearity"]
+    powers = power_of_motion(TONES, PLAIN)
+    two_parts = powers["encoder_nonlinearity"]
     both = [size * d for size, d in zip(two_parts.smallest, two_parts.d, strict=True)]
-    assert both == pytest.approx([least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA, dof=2)] * 2)
-    assert both[0] > least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA)
+    assert both == pytest.approx([least_distance(powers.examined, powers.blocks, FAMILYWISE_ALPHA, dof=2)] * 2)
+    assert both[0] > least_distance(powers.examined, powers.blocks, FAMILYWISE_ALPHA)
     with pytest.raises(ValueError, match="2 parts"):
-        seen.detection("encoder_nonlinearity", (1.0, 2.0, 3.0))
+        powers.detection("encoder_nonlinearity", (1.0, 2.0, 3.0))
 
 
 def detected(A: np.ndarray, s: float, required: float) -> float:

@@ -19,16 +19,16 @@ LINE = found_by("line").name
 
 
 @pytest.fixture(scope="module")
-def found():
+def power_of_tones():
     rng = np.random.default_rng(1)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    made = ac.simulate("tones", seconds=SECONDS, rig=ADXL105_RIG, parameters=truth, rng=rng)
-    return made.recording, power(Model.linear(), made.recording)
+    simulation = ac.simulate("tones", seconds=SECONDS, rig=ADXL105_RIG, parameters=truth, rng=rng)
+    return simulation.recording, power(Model.linear(), simulation.recording)
 
 
-def test_well_inside_its_band_the_limit_is_that_of_white_noise(found):
-    _, seen = found
-    drift, state = seen.drift, seen.detection_model.state
+def test_well_inside_its_band_the_limit_is_that_of_white_noise(power_of_tones):
+    _, powers = power_of_tones
+    drift, state = powers.drift, powers.detection_model.state
     white = SIGMA * np.sqrt(2.0 * state.noise.q / SECONDS) * state.values.scale
     inside = (drift.frequency > 5.0 / SECONDS) & (drift.frequency < 0.2 * state.run.crossover(state.noise))
     assert np.count_nonzero(inside) > 10
@@ -38,8 +38,8 @@ def test_well_inside_its_band_the_limit_is_that_of_white_noise(found):
     np.testing.assert_allclose(drift.scale_factor[slow], white / rms, rtol=0.05)
 
 
-def test_slow_changes_and_those_beyond_the_crossover_are_shown_less(found):
-    drift = found[1].drift
+def test_slow_changes_and_those_beyond_the_crossover_are_shown_less(power_of_tones):
+    drift = power_of_tones[1].drift
     best = np.argmin(drift.bias)
     assert drift.bias[0] > 4.0 * drift.bias[best]
     assert drift.bias[-1] > 1.2 * drift.bias[best]
@@ -54,32 +54,32 @@ def test_slow_changes_and_those_beyond_the_crossover_are_shown_less(found):
         drift.highest("time_offset", 1.0)
 
 
-def test_a_fit_of_the_change_has_the_standard_deviation_of_the_limit(found):
+def test_a_fit_of_the_change_has_the_standard_deviation_of_the_limit(power_of_tones):
     """The other path to the same number: Gauss-Newton at the full rate, the frequency held."""
-    run, seen = found
-    drift = seen.drift
+    run, powers = power_of_tones
+    drift = powers.drift
     for index in (8, 16, 24):
         f = float(drift.frequency[index])
         model = Model.linear().add(LINE, shapes={LINE: {"frequency": f}}).freeze(**{f"{LINE}.frequency": f})
         fit = ac.fit(run, model)
-        rows = [i for i, each in enumerate(fit.free) if each.name.startswith(LINE)]
+        rows = [i for i, item in enumerate(fit.free) if item.name.startswith(LINE)]
         largest = np.linalg.eigvalsh(fit.covariance[np.ix_(rows, rows)])[-1]
         assert SIGMA * np.sqrt(largest) == pytest.approx(drift.bias[index], rel=0.02)
 
 
-def test_a_change_at_the_limit_is_five_sigma_and_what_was_measured_does_not_count(found):
-    _, seen = found
-    drift = seen.drift
+def test_a_change_at_the_limit_is_five_sigma_and_what_was_measured_does_not_count(power_of_tones):
+    _, powers = power_of_tones
+    drift = powers.drift
     f, size = float(drift.frequency[16]), float(drift.bias[16])
     scores = []
     for seed in range(6):
         rng = np.random.default_rng([5, seed])
-        made = ac.simulate("tones", seconds=SECONDS, rig=ADXL105_RIG, parameters={}, rng=rng).recording
+        recording = ac.simulate("tones", seconds=SECONDS, rig=ADXL105_RIG, parameters={}, rng=rng).recording
         phase = rng.uniform(0.0, 2.0 * np.pi)
-        made.accel.y[:] += size * np.sin(2.0 * np.pi * f * made.accel.t + phase)
+        recording.accel.y[:] += size * np.sin(2.0 * np.pi * f * recording.accel.t + phase)
         model = Model.linear().add(LINE, shapes={LINE: {"frequency": f}}).freeze(**{f"{LINE}.frequency": f})
-        fit = ac.fit(made, model)
-        rows = [i for i, each in enumerate(fit.free) if each.name.startswith(LINE)]
+        fit = ac.fit(recording, model)
+        rows = [i for i, item in enumerate(fit.free) if item.name.startswith(LINE)]
         c = np.array([fit.free[i].value for i in rows])
         scores.append(float(c @ np.linalg.solve(fit.covariance[np.ix_(rows, rows)], c)))
     # noncentral chi-square of 2 degrees of freedom and 25: mean 27, variance 104
@@ -87,18 +87,18 @@ def test_a_change_at_the_limit_is_five_sigma_and_what_was_measured_does_not_coun
     assert abs(np.mean(scores) - 27.0) < 4.0 * np.sqrt(104.0 / 6.0)
 
 
-def test_a_tumble_is_limited_by_its_length_and_by_the_noise(found):
-    state = found[1].detection_model.state
+def test_a_tumble_is_limited_by_its_length_and_by_the_noise(power_of_tones):
+    state = power_of_tones[1].detection_model.state
     limit = tumble_limit(state)
     assert limit.frequency == pytest.approx(0.5 / 1800.0)
     # K0 of 24 minutes of white noise at exact angles; the zero of the angles and their errors add little
     assert limit.bias == pytest.approx(SIGMA * np.sqrt(state.noise.q / 1440.0) * state.values.scale, rel=0.3)
     again = drift_bandwidth(state, Model.linear())
-    np.testing.assert_allclose(again.bias, found[1].drift.bias, rtol=1e-9)
+    np.testing.assert_allclose(again.bias, power_of_tones[1].drift.bias, rtol=1e-9)
 
 
-def test_the_command_prints_it_and_json_holds_it(found, tmp_path):
-    run, _ = found
+def test_the_command_prints_it_and_json_holds_it(power_of_tones, tmp_path):
+    run, _ = power_of_tones
     path = tmp_path / "run.csv"
     write_recording(run, path)
     done = CliRunner().invoke(app, ["power", str(path)])

@@ -56,8 +56,8 @@ def on_one_tone(rig=CXL02_RIG, seed=1, truth=TRUTH) -> ac.Recording:
 
 def on_many_motions(rig=CXL02_RIG, seed=1) -> ac.Recording:
     """20 s on which only the mount is left to separate what has its sign."""
-    made = ac.simulate("interleaved", seconds=20.0, rig=rig, parameters=TRUTH, rng=np.random.default_rng(seed))
-    return made.recording
+    simulation = ac.simulate("interleaved", seconds=20.0, rig=rig, parameters=TRUTH, rng=np.random.default_rng(seed))
+    return simulation.recording
 
 
 def diagnosed(*recordings: ac.Recording) -> ac.Diagnosis:
@@ -213,10 +213,10 @@ def test_no_run_exceeds_the_limits_or_the_range_of_the_sensor(tone):
 def test_an_upright_sensor_is_turned_over_before_quick_runs_that_say_little():
     # Upright the specific force keeps its sign: a² and a|a| differ where the sensor is turned over, hardly elsewhere.
     upright = dataclasses.replace(CXL02_RIG, axis="up")
-    made = ac.simulate("tones", seconds=20.0, rig=upright, parameters=TRUTH, rng=np.random.default_rng(3))
-    diagnosis = diagnosed(made.recording)
+    simulation = ac.simulate("tones", seconds=20.0, rig=upright, parameters=TRUTH, rng=np.random.default_rng(3))
+    diagnosis = diagnosed(simulation.recording)
     assert {"quadratic", "odd_quadratic"} <= set(diagnosis.classes[0].members)
-    result = ac.next_experiments(diagnosis, made.recording, setup=3600.0)
+    result = ac.next_experiments(diagnosis, simulation.recording, setup=3600.0)
     best, others = result.ranked[0], result.ranked[1:]
     assert best.run == TURNED
     assert best.fall > 0.5 * result.entropy

@@ -97,7 +97,7 @@ class Sized:
     def row(self, seed: int) -> Row:
         """Prediction and outcome of one record."""
         state = self.record(seed)
-        return self.predicted(state), found(state)
+        return self.predicted(state), any_enters(state)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +116,9 @@ class Planned:
 
     def sized(self) -> Predicted:
         """Plan the motion, choose the magnitude and predict."""
-        made = planned_motion((self.effect, *self.others), self.sensor)
-        size = self.d / made.power[self.effect].d[0]
-        return Predicted(self, size, made.power.detection(self.effect, size))
+        motion = planned_motion((self.effect, *self.others), self.sensor)
+        size = self.d / motion.power[self.effect].d[0]
+        return Predicted(self, size, motion.power.detection(self.effect, size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,9 @@ class Predicted:
         motion = planned_motion((planned_pair.effect, *planned_pair.others), planned_pair.sensor).motion
         name = registered(motion, planned_pair.label)
         hidden = (Hidden(planned_pair.effect, self.magnitude),)
-        return self.probability, found(fitted(World(name, planned_pair.sensor, hidden, seconds=SECONDS, seed=seed)))
+        return self.probability, any_enters(
+            fitted(World(name, planned_pair.sensor, hidden, seconds=SECONDS, seed=seed))
+        )
 
 
 @cache
@@ -164,9 +166,9 @@ def hypotheses_on(state: RunState) -> DetectionModel:
     return DetectionModel.of(state, Model.linear())
 
 
-def found(state: RunState) -> bool:
+def any_enters(state: RunState) -> bool:
     """Whether any effect enters."""
-    return bool(scan([state], Model.linear()).found)
+    return bool(scan([state], Model.linear()).detected)
 
 
 def hypothesis_of(pair: Pair, state: RunState, detection_model: DetectionModel) -> tuple[Hypothesis, np.ndarray]:

@@ -86,10 +86,10 @@ POSITION = 'position = { column = "pos", unit = "m" }'
 
 def honest(seed: int, kind: str, k: float | None = None) -> Rig:
     """A rig that is declared as it is."""
-    made = moved(seed, kind, k)
-    made.columns = {"t": made.t, "pos": made.read(), "acc": made.output()}
-    made.declare(TIME, ACCEL, POSITION)
-    return made
+    record = moved(seed, kind, k)
+    record.columns = {"t": record.t, "pos": record.read(), "acc": record.output()}
+    record.declare(TIME, ACCEL, POSITION)
+    return record
 
 
 UNITS = {
@@ -112,42 +112,42 @@ UNITS = {
 
 def wrong_unit(seed: int, kind: str, mistake: str) -> tuple[Rig, str]:
     """A rig one of whose units is mistaken, and the line that mends it."""
-    made = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.15, 0.2)))
+    recording = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.15, 0.2)))
     column, factor, declared, true, channel = UNITS[mistake]
-    made.columns[column] = made.columns[column] * factor
+    recording.columns[column] = recording.columns[column] * factor
     lines = {"time": TIME, "accel": ACCEL, "position": POSITION}
     lines[channel] = f'{channel} = {{ column = "{column}", unit = "{declared}" }}'
-    made.declare(*lines.values())
-    return made, f'{channel} = {{ column = "{column}", unit = "{true}" }}'
+    recording.declare(*lines.values())
+    return recording, f'{channel} = {{ column = "{column}", unit = "{true}" }}'
 
 
 def wrong_range(seed: int, kind: str, power: int) -> tuple[Rig, str]:
     """A rig whose counts are off by a power of two, and the line that mends it."""
-    made = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
-    made.columns["acc"] = np.rint(made.columns["acc"] / G * 16384.0 * 2.0**power)
-    made.declare(TIME, ACCEL.replace("m/s^2", "count"), POSITION, sensor='scale = "16384 count/g"')
-    return made, f'scale = "{16384.0 * 2.0**power:.6g} count/g"'
+    recording = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
+    recording.columns["acc"] = np.rint(recording.columns["acc"] / G * 16384.0 * 2.0**power)
+    recording.declare(TIME, ACCEL.replace("m/s^2", "count"), POSITION, sensor='scale = "16384 count/g"')
+    return recording, f'scale = "{16384.0 * 2.0**power:.6g} count/g"'
 
 
 def wrong_sensitivity(seed: int, kind: str) -> tuple[Rig, str]:
     """A sensitivity in V/(m/s²) that is one in V/g."""
-    made = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
-    made.columns["acc"] = made.columns["acc"] / G * 0.1 + 1.2
+    recording = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
+    recording.columns["acc"] = recording.columns["acc"] / G * 0.1 + 1.2
     sensor = 'scale = "0.1 V/(m/s^2)"\nzero = "1.2 V"'
-    made.declare(TIME, ACCEL.replace("m/s^2", "V"), POSITION, sensor=sensor)
-    return made, 'scale = "0.1 V/g"'
+    recording.declare(TIME, ACCEL.replace("m/s^2", "V"), POSITION, sensor=sensor)
+    return recording, 'scale = "0.1 V/g"'
 
 
 def wrong_axis(seed: int, kind: str, sign: float, declared: bool) -> tuple[Rig, str]:
     """A triaxial sensor whose motion is along y with a sign; x is taken. The lines of y that mend it."""
-    made = moved(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
-    y = sign * made.output() / G
-    x = 0.01 * y + made.noise(3e-4) + 0.02
-    z = 1.0 + 0.005 * y + made.noise(3e-4)
-    made.columns = {"t": made.t, "ax": x, "ay": y, "az": z, "pos": made.read()}
+    record = moved(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
+    y = sign * record.output() / G
+    x = 0.01 * y + record.noise(3e-4) + 0.02
+    z = 1.0 + 0.005 * y + record.noise(3e-4)
+    record.columns = {"t": record.t, "ax": x, "ay": y, "az": z, "pos": record.read()}
     side = ['a_y = { column = "ay", unit = "g" }', 'a_z = { column = "az", unit = "g" }'] if declared else []
-    made.declare(TIME, 'accel = { column = "ax", unit = "g" }', POSITION, *side)
-    return made, 'accel = { column = "ay", unit = "g" }'
+    record.declare(TIME, 'accel = { column = "ax", unit = "g" }', POSITION, *side)
+    return record, 'accel = { column = "ay", unit = "g" }'
 
 
 GRAVITY = {
@@ -162,18 +162,18 @@ GRAVITY = {
 
 def wrong_gravity(seed: int, kind: str, mistake: str) -> tuple[Rig, str]:
     """A rig whose gravity is declared wrongly, and the line that mends it."""
-    made = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
+    recording = honest(seed, kind, float(np.random.default_rng(seed).uniform(-0.1, 0.1)))
     declared, gravity, line = GRAVITY[mistake]
-    made.columns["acc"] = made.output(gravity)
-    made.declare(TIME, ACCEL, POSITION, rig=declared)
-    return made, line
+    recording.columns["acc"] = recording.output(gravity)
+    recording.declare(TIME, ACCEL, POSITION, rig=declared)
+    return recording, line
 
 
 def wrong_sign(seed: int, kind: str) -> tuple[Rig, str]:
     """A sensor that is mounted the other way round."""
-    made = honest(seed, kind)
-    made.columns["acc"] = -made.columns["acc"]
-    return made, 'mount = "reversed"'
+    recording = honest(seed, kind)
+    recording.columns["acc"] = -recording.columns["acc"]
+    return recording, 'mount = "reversed"'
 
 
 def mistaken(number: int, seed: int) -> tuple[str, Rig, str]:
@@ -183,9 +183,9 @@ def mistaken(number: int, seed: int) -> tuple[str, Rig, str]:
     makers += [(f"range: 2^{n}", lambda n=n: wrong_range(at, kind, n)) for n in (-2, -1, 1, 2)]
     makers += [("sensitivity", lambda: wrong_sensitivity(at, kind)), ("sign", lambda: wrong_sign(at, kind))]
     makers += [
-        (f"axis: {sign:+g}, {said}", lambda sign=sign, said=said: wrong_axis(at, kind, sign, said))
+        (f"axis: {sign:+g}, {declared}", lambda sign=sign, declared=declared: wrong_axis(at, kind, sign, declared))
         for sign in (1.0, -1.0)
-        for said in (False, True)
+        for declared in (False, True)
     ]
     makers += [(f"gravity: {name}", lambda name=name: wrong_gravity(at, kind, name)) for name in GRAVITY]
     name, make = makers[number % len(makers)]

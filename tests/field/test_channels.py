@@ -129,7 +129,7 @@ def test_a_side_channel_in_volts_is_read_through_its_scale(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ('position = { column = "pos", unit = "V" }', 'column "pos" is in V, but no scale is declared; write in'),
         ('position = { column = "pos", unit = "V", scale = "20 V/s" }', '"s" does not measure a length'),
@@ -139,10 +139,10 @@ def test_a_side_channel_in_volts_is_read_through_its_scale(tmp_path):
         ('position = { column = "pos", unit = "count", scale = "20 V/m" }', "the declared scale is per V"),
     ],
 )
-def test_a_scale_that_does_not_fit_is_refused_with_what_fits(line, said, tmp_path):
+def test_a_scale_that_does_not_fit_is_refused_with_what_fits(line, message, tmp_path):
     record = honest(4, "stage")
     record.declare(TIME, ACCEL, line)
-    with pytest.raises(ac.RecordingError, match=re.escape(said)):
+    with pytest.raises(ac.RecordingError, match=re.escape(message)):
         ac.load(record.write(tmp_path))
 
 
@@ -226,9 +226,9 @@ def test_drop_outs_of_a_vibrometer_are_left_out(seed, tau, tmp_path):
     recording = ac.load(path)
     clean = ac.load(vibrometer(seed, tmp_path, tau)[0])
     fit, best = ac.fit(recording), ac.fit(clean)
-    told = next(note for note in fit.remarks if note.code == "lost_signal")
-    assert told.values["channel"] == "velocity"
-    assert abs(int(told.values["stretches"]) - drops) <= 1
+    first = next(note for note in fit.remarks if note.code == "lost_signal")
+    assert first.values["channel"] == "velocity"
+    assert abs(int(first.values["stretches"]) - drops) <= 1
     assert off(fit, "scale_factor", 0.01) < 3.0
     assert fit["scale_factor"].std < 3.0 * best["scale_factor"].std
     assert not any(note.code == "lost_signal" for note in best.remarks)
@@ -247,9 +247,9 @@ def test_drop_outs_of_a_vibrometer_are_left_out(seed, tau, tmp_path):
 def test_a_wrong_unit_is_named_with_the_line_to_write(mistake, kind, tmp_path):
     record, line = wrong_unit(21, kind, mistake)
     path = record.write(tmp_path)
-    said = suspicion(ac.load(path))
-    assert line in said
-    assert f"[channels] {line}" in said
+    message = suspicion(ac.load(path))
+    assert line in message
+    assert f"[channels] {line}" in message
     assert suspicion(ac.load(written(path, line))) == ""
 
 
@@ -279,17 +279,17 @@ def test_the_motion_is_in_another_column(sign, declared, tmp_path):
     record, line = wrong_axis(41, "stage", sign, declared)
     path = record.write(tmp_path)
     recording = ac.load(path)
-    said = sentence(path)
-    assert "the motion is in ay" in said
-    assert line in said
+    message = sentence(path)
+    assert "the motion is in ay" in message
+    assert line in message
     assert "the motion is in ay" in suspicion(recording)
     if sign > 0.0:
-        found = ac.improve(recording)
-        assert (found.effects, found.verdict) == ((), "unexplained")
-        assert "the motion is in ay" in found.diagnosis.sentence
+        improvement = ac.improve(recording)
+        assert (improvement.effects, improvement.verdict) == ((), "unexplained")
+        assert "the motion is in ay" in improvement.diagnosis.sentence
         written(path, line)
     else:
-        assert 'mount = "reversed"' in said
+        assert 'mount = "reversed"' in message
         written(written(path, line), 'mount = "reversed"')
     assert off(ac.fit(ac.load(path)), "scale_factor", record.k) < 3.0
 
@@ -320,10 +320,10 @@ def test_side_channels_of_arrays_are_tried_as_well():
 def test_weak_motion_with_another_sign_is_no_mount(tmp_path):
     record = honest(51, "stage")
     record.columns["acc"] = 0.1 - 0.1 * record.a + record.noise(1.0 * float(np.std(record.a)))
-    said = sentence(record.write(tmp_path))
-    assert "not one axis of one body" in said
-    assert "mount =" not in said
-    assert "unit of column" not in said
+    message = sentence(record.write(tmp_path))
+    assert "not one axis of one body" in message
+    assert "mount =" not in message
+    assert "unit of column" not in message
 
 
 def test_one_line_accepts_a_ratio_that_the_rig_makes(tmp_path):
@@ -369,7 +369,7 @@ def test_an_ordinary_sensor_is_not_accused(kind, k, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "file", "said"),
+    ("name", "file", "message"),
     [
         (
             "13_wrong_axis",
@@ -385,20 +385,20 @@ def test_an_ordinary_sensor_is_not_accused(kind, k, tmp_path):
         ("18_factors", "time_unit.csv", "the unit of column tow_ms: s, not ms?"),
     ],
 )
-def test_the_shared_mistakes_are_named(name, file, said, tmp_path):
+def test_the_shared_mistakes_are_named(name, file, message, tmp_path):
     path = case(name, tmp_path) / file
-    assert said in sentence(path)
-    assert said in suspicion(ac.load(path))
+    assert message in sentence(path)
+    assert message in suspicion(ac.load(path))
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(10.0, "10 times what it should be, as where a gain"), (8.0, "8 times"), (0.1, "0.1 times")]
+    ("factor", "message"), [(10.0, "10 times what it should be, as where a gain"), (8.0, "8 times"), (0.1, "0.1 times")]
 )
-def test_a_gain_of_ten_is_no_doubling(factor, said):
+def test_a_gain_of_ten_is_no_doubling(factor, message):
     rng = np.random.default_rng(3)
     run = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng).recording
     scaled = replace(run, accel=replace(run.accel, y=factor * run.accel.y))
-    assert said in suspicion(scaled).split(" is off")[0]
+    assert message in suspicion(scaled).split(" is off")[0]
 
 
 def test_a_ratio_of_masses_is_accepted_by_one_line(tmp_path):

@@ -71,15 +71,15 @@ def test_a_sensor_that_is_not_at_its_declared_rate(tmp_path, seed, skew, seconds
     both = pair(seed, skew=0.0, seconds=seconds, rates=(true, 250.0), tones=True, sign=sign)
     path = shared_rates(both, tmp_path / "lauf.csv", true / (1.0 + skew))
     recording = io.load(path)
-    said = note(recording, "alignment")
-    found = re.match(r"the sensor runs at ([0-9.]+) Hz, not ([0-9.]+) \(skew ([-+0-9.]+) ppm", said)
-    assert found, said
-    assert float(found[1]) == pytest.approx(true, rel=2e-4)
-    assert "the clock of position is trusted" in said
+    message = note(recording, "alignment")
+    match = re.match(r"the sensor runs at ([0-9.]+) Hz, not ([0-9.]+) \(skew ([-+0-9.]+) ppm", message)
+    assert match, message
+    assert float(match[1]) == pytest.approx(true, rel=2e-4)
+    assert "the clock of position is trusted" in message
     fit = accelcal.fit(recording, Model.linear().add("clock_skew"))
     within(fit)
     assert recording.accel.t[-1] == pytest.approx(both.accel_t[-1], abs=0.02)
-    assert fit.rig.uncertainty.clock_rate == pytest.approx(abs(float(found[3])) * 1e-6, rel=1e-3)
+    assert fit.rig.uncertainty.clock_rate == pytest.approx(abs(float(match[3])) * 1e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(("seed", "true"), [(1, 102.0), (2, 97.0)])
@@ -106,8 +106,8 @@ def test_the_other_clock_may_be_trusted(tmp_path):
     skew, true = 0.03, 300.0
     both = pair(4, skew=0.0, seconds=40.0, rates=(true, 200.0), tones=True)
     path = shared_rates(both, tmp_path / "run.csv", true / (1.0 + skew))
-    said = note(io.load(path), "alignment")
-    (line,) = re.findall(r"\[clock\] trusted = \"accel\"", said)[:1]
+    message = note(io.load(path), "alignment")
+    (line,) = re.findall(r"\[clock\] trusted = \"accel\"", message)[:1]
     table_name, key = line.split("] ")
     path.with_suffix(".toml").write_text(
         path.with_suffix(".toml").read_text()
@@ -344,8 +344,8 @@ def test_packets_with_stamps_of_arrival(tmp_path, n, rate, late):
         tmp_path / "usb.csv", "arrival,u,z", stamps, u[:count], z[:count], text=TICKS.format(name="arrival", unit="s")
     )
     recording = io.load(path)
-    said = note(recording, "burst_stamps")
-    assert f"times of arrival, of {n} samples at a time" in said
+    message = note(recording, "burst_stamps")
+    assert f"times of arrival, of {n} samples at a time" in message
     assert recording.stamp_std == 0.0  # both channels have this clock
     true = recording.accel.t - t[:count]
     assert float(np.std(true)) < 0.1 * late

@@ -78,7 +78,7 @@ def written(kind: str, user: int, folder: Path) -> tuple[Rig, Path]:
     return rig, path
 
 
-def said(*words: str) -> str:
+def printed(*words: str) -> str:
     """What a command prints."""
     done = CliRunner().invoke(app, list(words))
     assert done.exit_code == 0, done.output
@@ -103,13 +103,13 @@ def test_every_command_lists_the_same_faults(kind: str, user: int, tmp_path: Pat
     assert judged.suspect == (sentence,)
     assert set(judged.effects) <= {"encoder_step"}
     if kind != "touched":  # the residual of a fit alone shows it
-        assert f"suspect data: {sentence}" in said("check", path.name)
+        assert f"suspect data: {sentence}" in printed("check", path.name)
         assert [note.sentence for note in timeline.marks(recording).remarks] == [sentence]
-    seen = ac.compare(fit, recording)[0]
-    assert seen.left_out == (sentence,) or kind == "touched"
+    evaluation = ac.compare(fit, recording)[0]
+    assert evaluation.left_out == (sentence,) or kind == "touched"
     assert (COMMAND in sentence) == fault.cuts
     if fault.cuts:
-        said(*shlex.split(sentence.partition(COMMAND)[2]))
+        printed(*shlex.split(sentence.partition(COMMAND)[2]))
         rest = ac.load(Path("run_cut.csv"))
         assert fault.code not in {note.code for note in ac.fit(rest).remarks}
         if kind != "touched":
@@ -124,9 +124,9 @@ def test_a_disturbed_held_out_recording_is_judged_without_the_disturbance(tmp_pa
         (tmp_path / name).mkdir()
         recordings.append(ac.load(written("touched", user, tmp_path / name)[1]))
     fit = ac.fit(recordings[0])
-    seen = ac.compare(fit, recordings[1])[0]
-    assert any("something disturbed the record between" in text for text in seen.left_out)
-    assert seen.coast_rms[1.0] < 3.0 * ac.compare(fit, recordings[0])[0].coast_rms[1.0]
+    evaluation = ac.compare(fit, recordings[1])[0]
+    assert any("something disturbed the record between" in text for text in evaluation.left_out)
+    assert evaluation.coast_rms[1.0] < 3.0 * ac.compare(fit, recordings[0])[0].coast_rms[1.0]
 
 
 def test_a_gap_of_both_channels_is_no_impact(tmp_path: Path) -> None:

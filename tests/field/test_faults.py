@@ -90,8 +90,8 @@ def test_rows_lost_one_in_so_many_are_put_back_in_time(seed: int, tmp_path: Path
     left = (np.arange(len(record.t)) + 11) % 50 != 0
     record.u, record.z, record.stamped = record.u[left], record.z[left], False
     recording = read(record, tmp_path)
-    gone = next(finding for finding in recording.findings if finding.kind == "lost_rows")
-    assert gone.count == np.count_nonzero(~left)
+    first = next(finding for finding in recording.findings if finding.kind == "lost_rows")
+    assert first.count == np.count_nonzero(~left)
     for channel in (recording.accel, recording.position):
         assert np.allclose(channel.t, record.t[left], atol=1e-9)
     assert max(off(ac.fit(recording), record)) < SIGMA
@@ -101,11 +101,11 @@ def test_lost_rows_are_distinguished_from_what_is_none() -> None:
     for seed in (71, 73, 75):
         record = honest(seed)
         rng, n = record.rng, len(record.t)
-        gone = np.zeros(n, dtype=bool)
-        gone[rng.choice(n - 10, n // 500, replace=False)] = True
-        lost = lost_rows([record.u[~gone], record.z[~gone]])
+        dropped = np.zeros(n, dtype=bool)
+        dropped[rng.choice(n - 10, n // 500, replace=False)] = True
+        lost = lost_rows([record.u[~dropped], record.z[~dropped]])
         assert lost is not None
-        assert 0.7 * np.count_nonzero(gone) < np.sum(lost) <= np.count_nonzero(gone)
+        assert 0.7 * np.count_nonzero(dropped) < np.sum(lost) <= np.count_nonzero(dropped)
         missed_counts = record.z + 2e-5 * np.cumsum(rng.random(n) < 2e-3)
         knocked = record.u + np.where(rng.random(n) < 1e-3, 0.3, 0.0) * rng.choice([-1.0, 1.0], n)
         shock = shocks(seed)
@@ -192,17 +192,17 @@ def test_the_same_readings_kept_would_bend_the_estimate(kind: str, tmp_path: Pat
     recording = read(record, tmp_path)
     wrong = np.abs(recording.accel.y - record.bias - (1.0 + record.scale_factor) * record.a) > 1.0
     cleaned = examine(recording).source.recording
-    (gone,) = cleaned.left_out
+    (fault,) = cleaned.left_out
     assert wrong.any()
     assert not np.isin(recording.accel.t[wrong], cleaned.accel.t).any()
-    assert gone.count <= np.count_nonzero(wrong) + 40
+    assert fault.count <= np.count_nonzero(wrong) + 40
 
 
 def test_a_damaged_packet_costs_its_readings_alone(tmp_path: Path) -> None:
     record = honest(74)
     ACCIDENTS["absurd"].plant(record)
-    (gone,) = examine(read(record, tmp_path)).source.recording.left_out
-    assert gone.count == 3
+    (fault,) = examine(read(record, tmp_path)).source.recording.left_out
+    assert fault.count == 3
 
 
 @pytest.mark.parametrize("seed", [91, 92])

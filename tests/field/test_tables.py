@@ -75,14 +75,14 @@ def follow(path, text):
     beside = io.sidecar_of(path)
     names = {line.split(" ", 1)[0] for line in lines}
     old = [line for line in beside.read_text().splitlines()] if beside.exists() else ["[channels]"]
-    kept = [line for line in old if line.split(" ", 1)[0] not in names]
-    beside.write_text("\n".join([*kept, *lines]) + "\n")
+    remaining = [line for line in old if line.split(" ", 1)[0] not in names]
+    beside.write_text("\n".join([*remaining, *lines]) + "\n")
 
 
 def assert_planted(fit, k=K, bias=K0):
-    found = {name: fit[name] for name in ("scale_factor", "bias")}
-    assert abs(found["scale_factor"].value - k) < 3.0 * found["scale_factor"].std
-    assert abs(found["bias"].value - bias) < 3.0 * found["bias"].std
+    results = {name: fit[name] for name in ("scale_factor", "bias")}
+    assert abs(results["scale_factor"].value - k) < 3.0 * results["scale_factor"].std
+    assert abs(results["bias"].value - bias) < 3.0 * results["bias"].std
 
 
 # Index brackets
@@ -157,9 +157,9 @@ def test_rows_of_a_header_are_joined_where_the_last_repeats(tmp_path, form):
     t = stamps(200.0, SECONDS + 4.0)
     lines = [f"{a + 51.2:.4f},{b / 9.80665:.7f}" for a, b in zip(t, motion.output(t - 2.0), strict=True)]
     imu = write(tmp_path / "imu.csv", ["time_s,accel_g", *lines])
-    said = refused(imu, position=take)
-    assert "still to be filled in; expected the name of a column. By its unit it may be" in said
-    assert '"Sled.Position.X"' in said
+    message = refused(imu, position=take)
+    assert "still to be filled in; expected the name of a column. By its unit it may be" in message
+    assert '"Sled.Position.X"' in message
     sidecar(take, 'position = { column = "Sled.Position.X", unit = "cm" }')
     assert 'says "cm"; correct one of the two' in refused(imu, position=take)
     sidecar(take, 'position = { column = "Sled.Position.X" }')
@@ -194,9 +194,9 @@ def two_tables(path, motion, gap="", analog_first=True, seconds=SECONDS):
 @pytest.mark.parametrize("analog_first", [True, False])
 def test_two_tables_in_a_file_are_read_each_with_its_rate(tmp_path, analog_first, seconds):
     path = two_tables(tmp_path / "trial.csv", Motion(3), analog_first=analog_first, seconds=seconds)
-    said = refused(path)
-    assert '"X" in mm, "Y" in mm, "Z" in mm' in said
-    follow(path, said)
+    message = refused(path)
+    assert '"X" in mm, "Y" in mm, "Z" in mm' in message
+    follow(path, message)
     recording = io.load(path)
     assert recording.accel.t[1] - recording.accel.t[0] == pytest.approx(1 / 200)
     assert recording.position.t[1] - recording.position.t[0] == pytest.approx(1 / 100)
@@ -210,8 +210,8 @@ def test_two_tables_in_a_file_are_read_each_with_its_rate(tmp_path, analog_first
 @pytest.mark.parametrize("seconds", [SECONDS, 90.0], ids=["in the first lines", "beyond the first lines"])
 def test_a_second_table_without_an_empty_line_is_named_with_its_row(tmp_path, seconds):
     path = two_tables(tmp_path / "trial.csv", Motion(4), gap=None, seconds=seconds)
-    said = refused(path, need_position=False)
-    row = int(re.search(r"a second table begins at row (\d+); put an empty line above that row", said)[1])
+    message = refused(path, need_position=False)
+    row = int(re.search(r"a second table begins at row (\d+); put an empty line above that row", message)[1])
     lines = path.read_text().splitlines()
     assert lines[row - 1] == "Trajectories"
     write(path, [*lines[: row - 1], "", *lines[row - 1 :]])
@@ -224,16 +224,16 @@ def test_a_second_table_without_an_empty_line_is_named_with_its_row(tmp_path, se
 
 def test_a_column_that_tells_sensors_apart_is_offered(tmp_path):
     t, motion = stamps(50.0), Motion(5)
-    one, other = motion.output(t), motion.output(t, -0.02, -0.2)
-    rows = [f"{1e6 * a:.0f},{i},{y[k]:.6f}" for k, a in enumerate(t) for i, y in enumerate((one, other))]
+    level, other = motion.output(t), motion.output(t, -0.02, -0.2)
+    rows = [f"{1e6 * a:.0f},{i},{y[k]:.6f}" for k, a in enumerate(t) for i, y in enumerate((level, other))]
     path = write(tmp_path / "imu.csv", ["TimeUS,I,AccX", *rows])
     rail = [f"{a:.3f},{b:.7f}" for a, b in zip(t, motion.position(t), strict=True)]
     write(tmp_path / "pos.csv", ["t_s,position_m", *rail])
     sidecar(path, 'time = { column = "TimeUS", unit = "us" }', 'accel = { column = "AccX", unit = "m/s^2" }')
-    said = refused(path, need_position=False)
-    assert 'with one value of column "I" (0, 1)' in said
-    assert "rate" not in said
-    follow(path, said)
+    message = refused(path, need_position=False)
+    assert 'with one value of column "I" (0, 1)' in message
+    assert "rate" not in message
+    follow(path, message)
     assert_planted(accelcal.fit(io.load(path, position=tmp_path / "pos.csv")))
     chosen = io.sidecar_of(path).read_text().replace("equals = 0", "equals = 1")
     io.sidecar_of(path).write_text(chosen)
@@ -244,16 +244,16 @@ def test_a_column_that_tells_sensors_apart_is_offered(tmp_path):
 
 def test_a_text_that_tells_sensors_apart_is_offered(tmp_path):
     t, motion = stamps(80.0), Motion(15)
-    one, other = motion.output(t), motion.output(t, -0.03, 0.4)
-    both = (("arriba", one), ("abajo", other))
+    level, other = motion.output(t), motion.output(t, -0.03, 0.4)
+    both = (("arriba", level), ("abajo", other))
     rows = [f"{1e3 * a:.4f};{name};{y[k] / 9.80665:.8f}" for k, a in enumerate(t) for name, y in both]
     path = write(tmp_path / "sensores.csv", ["tiempo_ms;sensor;acel_g", *rows])
     rail = [f"{a:.4f},{1e3 * b:.5f}" for a, b in zip(t, motion.position(t), strict=True)]
     write(tmp_path / "regla.csv", ["t_s,position_mm", *rail])
     sidecar(path, 'time = { column = "tiempo_ms", unit = "ms" }', 'accel = { column = "acel_g", unit = "g" }')
-    said = refused(path, need_position=False)
-    assert 'with one value of column "sensor" ("abajo", "arriba")' in said
-    follow(path, said.replace('equals = "abajo"', 'equals = "arriba"'))
+    message = refused(path, need_position=False)
+    assert 'with one value of column "sensor" ("abajo", "arriba")' in message
+    follow(path, message.replace('equals = "abajo"', 'equals = "arriba"'))
     assert_planted(accelcal.fit(io.load(path, position=tmp_path / "regla.csv")))
 
 
@@ -266,9 +266,9 @@ def test_a_long_table_gives_each_channel_its_rows(tmp_path, in_blocks):
     rows = acc + pos if in_blocks else [row for pair in zip(acc, pos, strict=True) for row in pair]
     path = write(tmp_path / "run.csv", ["time_s;quantity;value", *rows])
     sidecar(path, 'accel = { column = "value", unit = "m/s^2" }')
-    said = refused(path, need_position=False)
-    assert 'one value of column "quantity" ("Weg", "acc")' in said
-    follow(path, said.replace('equals = "Weg"', 'equals = "acc"'))
+    message = refused(path, need_position=False)
+    assert 'one value of column "quantity" ("Weg", "acc")' in message
+    follow(path, message.replace('equals = "Weg"', 'equals = "acc"'))
     sidecar(
         path,
         'accel = { column = "value", unit = "m/s^2", where = { column = "quantity", equals = "acc" } }',
@@ -309,9 +309,9 @@ def test_messages_and_cut_lines_are_left_out_and_counted(tmp_path, prefix):
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.y, y, atol=1e-4)
     np.testing.assert_allclose(recording.position.y, p, atol=1e-6)
-    said = [finding for finding in recording.findings if finding.kind == "left_out_lines"]
-    assert [finding.count for finding in said] == ([2, 3] if prefix(0) else [3])
-    assert '"I2C error", "bus timeout, reset"' in said[-1].text
+    left_out = [finding for finding in recording.findings if finding.kind == "left_out_lines"]
+    assert [finding.count for finding in left_out] == ([2, 3] if prefix(0) else [3])
+    assert '"I2C error", "bus timeout, reset"' in left_out[-1].text
     shown = command("check", path)
     assert shown.returncode == 0
     assert "3 lines that are no readings are left out (rows 50" in shown.stdout.replace("\n", " ")
@@ -334,8 +334,10 @@ def test_rows_that_are_damaged_inside_are_listed(tmp_path):
     rows = [f"{k / 50},{k % 7},{k % 5}" for k in range(1000)]
     rows[300] = rows[400] = "6,1"
     path = write(tmp_path / "run.csv", ["t_s,accel_g,position_mm", *rows])
-    said = refused(path)
-    assert "row 302 has 2 cells where the rows before have 3, as in 1 more: 402; complete or delete these rows" in said
+    message = refused(path)
+    assert (
+        "row 302 has 2 cells where the rows before have 3, as in 1 more: 402; complete or delete these rows" in message
+    )
     write(path, ["t_s,accel_g,position_mm", *rows[:300], *rows[301:400], *rows[401:]])
     assert len(io.load(path).accel) == 998
 
@@ -414,8 +416,8 @@ def test_the_order_of_day_and_month_is_asked_where_it_matters(tmp_path):
     path, t, _ = clocked(tmp_path / "within.csv", "open", begin=40000.0)
     assert len(io.load(path).accel) == len(t)
     path, t, _ = clocked(tmp_path / "run.csv", "open")
-    said = refused(path)
-    assert '"06/07/2024 23:59:45.000" and "07/07/2024 00:00:00.000": the order of day and month is open' in said
+    message = refused(path)
+    assert '"06/07/2024 23:59:45.000" and "07/07/2024 00:00:00.000": the order of day and month is open' in message
     sidecar(path, 'time = { column = "Time", order = "DMY" }')
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.t - recording.accel.t[0], t, atol=1e-9)
@@ -434,9 +436,9 @@ def test_date_time_and_fraction_are_asked_for_and_added(tmp_path, fraction):
         date, time = clock(second, "ymd").split(" ")
         rows.append(f"{date}\t{time[:8]}\t{unit * (86385.0 + a - second):.0f}\t{b:.7f}\t{1e3 * c:.5f}")
     path = write(tmp_path / "run.csv", [f"Date\tTime\t{fraction}\tacc [m/s²]\tpos [mm]", *rows])
-    said = refused(path)
-    assert f'the parts of an instant stand in several columns, "Date", "Time", "{fraction}"' in said
-    follow(path, said)
+    message = refused(path)
+    assert f'the parts of an instant stand in several columns, "Date", "Time", "{fraction}"' in message
+    follow(path, message)
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.t - recording.accel.t[0], t, atol=1e-9)
     np.testing.assert_allclose(recording.accel.y, y, atol=1e-6)
@@ -463,9 +465,9 @@ def test_times_of_day_are_distinguished_by_their_form(tmp_path, language):
         instant = [date, time[:8]] if language == "french" else [time[:8], date]
         rows.append(mark.join([*instant, f"{unit * (86385.0 + a - second):.0f}", f"{b:.7f}", f"{1e3 * c:.5f}"]))
     path = write(tmp_path / "run.csv", [header, *rows])
-    said = refused(path)
-    assert "the parts of an instant stand in several columns" in said
-    follow(path, said)
+    message = refused(path)
+    assert "the parts of an instant stand in several columns" in message
+    follow(path, message)
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.t - recording.accel.t[0], t, atol=1e-9)
     assert not recording.side  # what serves the clock is no channel
@@ -474,8 +476,8 @@ def test_times_of_day_are_distinguished_by_their_form(tmp_path, language):
     assert "fraction = {" in io.init(path)
     assert len(io.load(path).accel) == len(t)
     alone = [mark.join(row.split(mark)[:2] + row.split(mark)[3:]) for row in [header, *rows]]
-    said = refused(write(tmp_path / "coarse.csv", alone))
-    assert f'time = {{ column = "{"Heure" if language == "french" else "Uhrzeit"}"' in said
+    message = refused(write(tmp_path / "coarse.csv", alone))
+    assert f'time = {{ column = "{"Heure" if language == "french" else "Uhrzeit"}"' in message
 
 
 @pytest.mark.parametrize("header", ["时间（ms）,加速度（m/s²）,位移（mm）", "時刻［ms］,加速度［m/s²］,変位［mm］"])
@@ -512,8 +514,8 @@ def test_names_that_repeat_have_keys_of_their_own(tmp_path):
     rows = [f"{k / 50},{k % 7},{k % 5},{k % 3},{k % 2}" for k in range(100)]
     path = write(tmp_path / "run.csv", ["t_s,accel_g,position_mm,rpm_Hz,rpm_Hz", *rows])
     io.init(path)
-    said = refused(path)
-    assert '2 columns are called "rpm_Hz"; rename all but one' in said
+    message = refused(path)
+    assert '2 columns are called "rpm_Hz"; rename all but one' in message
 
 
 # Foreign files
@@ -536,12 +538,12 @@ def test_a_foreign_file_is_named_with_its_exporter(tmp_path, name, content):
     assert content[1] in refused(path)
 
 
-@pytest.mark.parametrize(("inside", "said"), [("run.csv", "ZIP archive; unpack it"), ("info.txt", "ActiLife")])
-def test_an_archive_is_no_npz(tmp_path, inside, said):
+@pytest.mark.parametrize(("inside", "message"), [("run.csv", "ZIP archive; unpack it"), ("info.txt", "ActiLife")])
+def test_an_archive_is_no_npz(tmp_path, inside, message):
     path = tmp_path / "run.bin"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(inside, "t_s,accel_g\n0,1\n")
-    assert said in refused(path)
+    assert message in refused(path)
 
 
 @pytest.mark.parametrize("unit_row", [False, True])
@@ -643,9 +645,9 @@ def test_tables_of_matlab_are_named_with_the_line_to_write(name):
     path = CASES / "19_matlab_timetable" / name
     if not path.exists():
         pytest.skip("ACCELCAL_FIELD_CASES names no folder of shared cases")
-    said = refused(path)
-    assert 'writetimetable(run, "run.csv")' in said
-    assert "damaged" not in said
+    message = refused(path)
+    assert 'writetimetable(run, "run.csv")' in message
+    assert "damaged" not in message
 
 
 @pytest.mark.parametrize(("variable", "kind"), [("Messung", "timetable"), ("ensayo", "table")])

@@ -177,11 +177,11 @@ def stepped(setup: Setup) -> Tally:
     live = filters.fixed_rate(setup.choice, dt=setup.dt, x0=setup.x0[0], P0=setup.P0[0], **setup.given)
     n = setup.x0.shape[1]
     states, variances = np.zeros((SAMPLES, n)), np.zeros((SAMPLES, n))
-    found = outcome(named(setup), lambda: live.run(setup.u[0], setup.z[0], states=states, variances=variances) is None)
+    result = outcome(named(setup), lambda: live.run(setup.u[0], setup.z[0], states=states, variances=variances) is None)
     done = live.samples
     if not sound(states[:done], variances[:done]) or (done > 0 and live.x.tobytes() != states[done - 1].tobytes()):
-        found.lost = 1
-    return found
+        result.lost = 1
+    return result
 
 
 def with_effects(rng: np.random.Generator) -> Tally:
@@ -246,10 +246,10 @@ def stream(rng: np.random.Generator) -> Tally:
             good = good and sound(live.estimate, np.diag(live.covariance))
         return good
 
-    found = outcome(named(setup), work)
+    result = outcome(named(setup), work)
     if not sound(live.estimate, np.diag(live.covariance)):
-        found.lost = 1
-    return found
+        result.lost = 1
+    return result
 
 
 def live_model(rng: np.random.Generator) -> Tally:

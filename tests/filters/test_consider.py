@@ -38,8 +38,8 @@ def before(channel: Channel, end: float) -> Channel:
     return replace(channel, t=channel.t[channel.t < end], y=channel.y[channel.t < end])
 
 
-def prior(made: Simulated, k_sigma: float) -> dict[str, Any]:
-    p, v = made.truth.motion.derivatives(np.zeros(1))[:2, 0]
+def prior(simulated: Simulated, k_sigma: float) -> dict[str, Any]:
+    p, v = simulated.truth.motion.derivatives(np.zeros(1))[:2, 0]
     return {"x0": [p, v, 0.0, 0.0], "P0": np.diag(np.square([1e-6, 1e-4, k_sigma, 0.05]))}
 
 
@@ -47,10 +47,10 @@ def motion_nees(choice: FilterChoice, k_sigma: float) -> list[float]:
     """NEES of p and v after half a second without position, one scale factor from the prior for each record."""
     values = []
     for seed in range(RUNS):
-        made = record(seed, SIGMA * float(np.random.default_rng([seed, 72]).standard_normal()))
-        position = before(made.recording.position, SEEN)
-        track = filters.run(choice, made.recording.accel, position, q=Q, r_position=R, **prior(made, k_sigma))
-        truth = made.truth.motion.derivatives(track.times[-1:])[:2, 0]
+        recording = record(seed, SIGMA * float(np.random.default_rng([seed, 72]).standard_normal()))
+        position = before(recording.recording.position, SEEN)
+        track = filters.run(choice, recording.recording.accel, position, q=Q, r_position=R, **prior(recording, k_sigma))
+        truth = recording.truth.motion.derivatives(track.times[-1:])[:2, 0]
         values.append(float(nees(track.states[-1, :2] - truth, track.covariance[:2, :2])))
     return values
 
@@ -67,20 +67,20 @@ def test_a_considered_parameter_leaves_the_other_states_consistent_and_an_ignore
 def test_without_variance_it_is_the_filter_that_knows_the_parameter(state: str) -> None:
     """u = K0 + (1 + k) a with k known is u / (1 + k) = K0 / (1 + k) + a, with noise that is smaller by 1 + k."""
     k = 0.1
-    made = record(5, k)
-    accel, position = made.recording.accel, made.recording.position
-    given = prior(made, 0.0)
+    recording = record(5, k)
+    accel, position = recording.recording.accel, recording.recording.position
+    given = prior(recording, 0.0)
     given["x0"][2] = k
     held = filters.run(replace(LINEAR, consider=("k",)), accel, position, q=Q, r_position=R, **given)
-    divided = prior(made, 0.0)
+    divided = prior(recording, 0.0)
     divided["P0"][3, 3] /= (1 + k) ** 2
-    known = filters.run(
+    outcome = filters.run(
         LINEAR, replace(accel, y=accel.y / (1 + k)), position, q=Q / (1 + k) ** 2, r_position=R, **divided
     )
     i, unit = (0, 1.0) if state == "p" else (3, 1 + k)
-    error = (held.states[:, i] - unit * known.states[:, i]) / np.sqrt(held.variances[:, i])
+    error = (held.states[:, i] - unit * outcome.states[:, i]) / np.sqrt(held.variances[:, i])
     assert np.max(np.abs(error)) < 1e-7  # 2e4 steps on two sets of numbers
-    np.testing.assert_allclose(held.variances[:, i], unit**2 * known.variances[:, i], rtol=1e-7)  # likewise
+    np.testing.assert_allclose(held.variances[:, i], unit**2 * outcome.variances[:, i], rtol=1e-7)  # likewise
 
 
 SPREAD = {"p": 1e-4, "v": 1e-2, "a": 1.0, "k": 0.05, "K0": 0.2, "K2": 1e-3, "K3": 1e-4}
@@ -88,13 +88,13 @@ SPREAD = {"p": 1e-4, "v": 1e-2, "a": 1.0, "k": 0.05, "K0": 0.2, "K2": 1e-3, "K3"
 
 @pytest.mark.parametrize("system", ["aci", "cwpa"])
 def test_mean_and_variance_of_a_considered_parameter_never_change(system: Literal["aci", "cwpa"]) -> None:
-    made = record(6, 0.01)
+    recording = record(6, 0.01)
     choice = FilterChoice(system, "cubic", consider=("K3", "k"), order=2)
     sigma = np.array([SPREAD[name] for name in choice.states()])
     track = filters.run(
         choice,
-        made.recording.accel,
-        made.recording.position,
+        recording.recording.accel,
+        recording.recording.position,
         q=Q if system == "aci" else 1e3,
         r_position=R,
         r_accel=0.5 * NOISE**2 * RATE if system == "cwpa" else None,
@@ -110,13 +110,13 @@ def test_mean_and_variance_of_a_considered_parameter_never_change(system: Litera
 
 
 def test_a_considered_process_forgets_its_mean_and_keeps_its_variance() -> None:
-    made, tau = record(7, 0.0), 0.5
-    given = prior(made, SIGMA)
+    truth, tau = record(7, 0.0), 0.5
+    given = prior(truth, SIGMA)
     given["x0"][2] = SIGMA
     track = filters.run(
         replace(LINEAR, consider=("k",)),
-        made.recording.accel,
-        made.recording.position,
+        truth.recording.accel,
+        truth.recording.position,
         q=Q,
         r_position=R,
         parameters={"k": GaussMarkov(q=2 * SIGMA**2 / tau, tau=tau)},
@@ -127,10 +127,10 @@ def test_a_considered_process_forgets_its_mean_and_keeps_its_variance() -> None:
 
 
 def test_the_stream_gives_the_record_to_the_last_bit() -> None:
-    made = record(8, 0.01, seconds=0.5)
+    recording = record(8, 0.01, seconds=0.5)
     choice = FilterChoice("aci", "linear", consider=("k",))
-    accel, position = made.recording.accel, made.recording.position
-    given = prior(made, SIGMA)
+    accel, position = recording.recording.accel, recording.recording.position
+    given = prior(recording, SIGMA)
     track = filters.run(choice, accel, position, q=Q, r_position=R, **given)
     live = filters.LiveFilter(choice, q=Q, r_position=R, **given)
     events = sorted([(t, 0, y) for t, y in zip(accel.t, accel.y, strict=True)])

@@ -49,13 +49,13 @@ def records() -> list[World]:
 def test_inputs_of_a_live_model_that_are_none_are_refused_in_a_sentence() -> None:
     live = LiveModel(Model.linear(), RIG, rate=RATE, q=1e-6, r_position=1e-12, position=0.0)
     nan, ones = float("nan"), np.ones(5)
-    for call, said in (
+    for call, message in (
         (lambda: live.step(nan, 0.0), r"LiveModel.step: output nan.*Leave this sample out"),
         (lambda: live.step(1.0, 0.0, early=5.0), r"early 5\.0; expected .* less than a step"),
         (lambda: live.run(ones, ones[1:]), r"arrays of shapes \(5,\), \(4,\); expected \(n,\) each"),
         (lambda: live.named(2.0), r"alpha = 2; expected a probability"),
     ):
-        with pytest.raises(AccelcalError, match=said):
+        with pytest.raises(AccelcalError, match=message):
             call()
     with pytest.raises(TypeError, match=r"watch is 'cubic'; expected a list"):
         LiveModel(Model.linear(), RIG, rate=RATE, q=1e-6, r_position=1e-12, position=0.0, watch="cubic")
@@ -92,10 +92,10 @@ def test_a_sample_that_no_stage_gives_is_refused_and_leaves_the_filter_as_it_was
 
 def test_live_estimates_of_effects_are_honest_and_near_the_replay(records: list[World]) -> None:
     errors, apart = [], []
-    for made in records:
-        live = followed(MODEL, made)
+    for record in records:
+        live = followed(MODEL, record)
         errors.append(normalised(live))
-        replayed = estimate(MODEL, made.recording)
+        replayed = estimate(MODEL, record.recording)
         shift = replayed.origins.temperature - 25.0
         bias = replayed["bias"].value - replayed["temperature_bias"].value * shift
         for name in FREE[1:]:
@@ -113,7 +113,7 @@ def test_a_live_filter_without_the_effect_is_found_out(records: list[World]) -> 
     poor = MODEL.drop("quadratic")
     dof = len(SEEDS) * (len(FREE) - 1)
     high = stats.chi2.ppf(1 - FALSE_ALARM / 2, dof) / dof
-    assert np.mean([normalised(followed(poor, made)) for made in records]) > high
+    assert np.mean([normalised(followed(poor, record)) for record in records]) > high
 
 
 @pytest.mark.parametrize(
@@ -129,15 +129,15 @@ def test_a_declared_low_pass_is_undone_before_effects_are_evaluated() -> None:
     rig = dataclasses.replace(CXL02_RIG, resolution=None)
     truth = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-3}
     rng = np.random.default_rng(5)
-    made = simulate("bursts", seconds=12.0, rig=rig, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
-    z = np.full(len(made.recording.accel), np.nan)
-    z[::2] = made.recording.position.y
+    simulation = simulate("bursts", seconds=12.0, rig=rig, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
+    z = np.full(len(simulation.recording.accel), np.nan)
+    z[::2] = simulation.recording.position.y
     model = Model.linear().add("quadratic").freeze(time_offset=0.0)
     assert rig.sensor.noise is not None
 
-    def worst(seen: Rig) -> float:
-        live = live_filter(model, seen, q=rig.sensor.noise**2 / 2, position=float(z[0]))  # type: ignore[operator]
-        live.run(made.recording.accel.y, z)
+    def worst(declared_rig: Rig) -> float:
+        live = live_filter(model, declared_rig, q=rig.sensor.noise**2 / 2, position=float(z[0]))  # type: ignore[operator]
+        live.run(simulation.recording.accel.y, z)
         return max(abs(live[name].value - value) / live[name].std for name, value in truth.items())
 
     assert worst(rig) < 4.5
@@ -147,24 +147,24 @@ def test_a_declared_low_pass_is_undone_before_effects_are_evaluated() -> None:
 def test_a_small_time_offset_is_tracked() -> None:
     rng = np.random.default_rng(6)
     truth = {"bias": 0.05, "time_offset": 1e-4}
-    made = simulate("bursts", seconds=12.0, rig=RIG, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
-    z = np.full(len(made.recording.accel), np.nan)
-    z[::2] = made.recording.position.y
+    simulation = simulate("bursts", seconds=12.0, rig=RIG, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
+    z = np.full(len(simulation.recording.accel), np.nan)
+    z[::2] = simulation.recording.position.y
     live = live_filter(Model.linear(), position=float(z[0]))
-    live.run(made.recording.accel.y, z)
+    live.run(simulation.recording.accel.y, z)
     assert live["time_offset"].std < 2e-6
     assert abs(live["time_offset"].value - 1e-4) < 4.5 * live["time_offset"].std
 
 
 def test_without_effects_it_is_the_forward_filter() -> None:
-    made = world(2, seconds=2.0)
+    truth = world(2, seconds=2.0)
     model = Model.linear().freeze(time_offset=0.0)
-    live = followed(model, made)
+    live = followed(model, truth)
     choice = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True)
     P0 = np.diag([1e4 * READING**2, 1.0, 0.3**2, 3.0**2])
-    given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [made.z[0], 0.0, 0.0, 0.0], "P0": P0}
+    given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [truth.z[0], 0.0, 0.0, 0.0], "P0": P0}
     same = fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]
-    same.run(made.u, made.z)
+    same.run(truth.u, truth.z)
     deviation = np.sqrt(np.diag(same.covariance))[2:]
     assert (
         np.max(np.abs(live.values[:2] - same.x[2:]) / deviation) < 1e-7
@@ -172,7 +172,7 @@ def test_without_effects_it_is_the_forward_filter() -> None:
 
 
 def test_a_gauss_markov_coefficient_keeps_its_uncertainty() -> None:
-    made = world(4, seconds=4.0)
+    truth = world(4, seconds=4.0)
     constant, walking = (
         LiveModel(
             MODEL,
@@ -180,13 +180,13 @@ def test_a_gauss_markov_coefficient_keeps_its_uncertainty() -> None:
             rate=RATE,
             q=NOISE**2 / 2,
             r_position=READING**2,
-            position=float(made.z[0]),
+            position=float(truth.z[0]),
             gauss_markov=processes,
         )
         for processes in ({}, {"bias": GaussMarkov(1e-4)})
     )
     for live in (constant, walking):
-        live.run(made.u, made.z, temperature=made.temperature)
+        live.run(truth.u, truth.z, temperature=truth.temperature)
     assert walking["bias"].std > 2 * constant["bias"].std
 
 
@@ -201,22 +201,22 @@ def test_a_random_scale_factor_is_tracked_as_one_more_state() -> None:
     for seed in range(3):
         rng = np.random.default_rng([17, seed])
         rig = replace(RIG, sensor=Sensor(noise=NOISE))
-        made = simulate("bursts", seconds=6.0, rig=rig, parameters={}, rng=rng, a_rms=5.0, position_noise=READING)
-        t, n = made.recording.accel.t, len(made.recording.accel.t)
+        simulation = simulate("bursts", seconds=6.0, rig=rig, parameters={}, rng=rng, a_rms=5.0, position_noise=READING)
+        t, n = simulation.recording.accel.t, len(simulation.recording.accel.t)
         keep = np.exp(-1.0 / (RATE * tau))
         process = np.empty(n)
         process[0] = sigma * rng.standard_normal()
         for k, shock in enumerate(sigma * np.sqrt(1.0 - keep**2) * rng.standard_normal(n - 1), 1):
             process[k] = keep * process[k - 1] + shock
-        u = made.recording.accel.y + process * made.truth.motion.derivatives(t)[2]
+        u = simulation.recording.accel.y + process * simulation.truth.motion.derivatives(t)[2]
         z = np.full(n, np.nan)
-        z[::2] = made.recording.position.y
-        for tracked, found in ((model, at_end), (linear, without)):
+        z[::2] = simulation.recording.position.y
+        for tracked, result in ((model, at_end), (linear, without)):
             live = live_filter(tracked, position=float(z[0]))
             live.run(u, z)
             rows = [live.names.index(name) for name in live.names if name.startswith("scale")]
             variance = float(np.sum(live.covariance[np.ix_(rows, rows)]))
-            found.append(float(np.sum(live.values[rows]) - process[-1]) ** 2 / variance)
+            result.append(float(np.sum(live.values[rows]) - process[-1]) ** 2 / variance)
     low, high = stats.chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], 3)
     print(f"\nnormalised square of 3: {sum(at_end):.1f} in [{low:.1f}, {high:.1f}]; constant {sum(without):.0f}")
     assert low < sum(at_end) < high
@@ -333,8 +333,8 @@ def test_an_effect_with_memory_is_estimated_or_subtracted(name: str, size: float
     u, z = (u, z + added) if find(name).port == "position" else (u + added, z)
     shapes = {name: {"tau": 0.05, "start": 0.0, "width": 1e-3 if find(name).unit == "m" else 1.0}}
     shapes[name] = {shape: shapes[name][shape] for shape in find(name).shapes}
-    known = {"bias": Prior(0.05, 5e-3), "scale_factor": Prior(0.01, 1e-3)}  # of a fit; then the velocity is known, too
-    model = Model.linear().freeze(time_offset=0.0).add(name, shapes=shapes, priors=known)
+    priors = {"bias": Prior(0.05, 5e-3), "scale_factor": Prior(0.01, 1e-3)}  # of a fit; then the velocity is known, too
+    model = Model.linear().freeze(time_offset=0.0).add(name, shapes=shapes, priors=priors)
 
     def errors(model: Model) -> dict[str, float]:
         live = live_filter(model, rate=rate)
@@ -342,10 +342,10 @@ def test_an_effect_with_memory_is_estimated_or_subtracted(name: str, size: float
         truth = {"bias": 0.05, "scale_factor": 0.01, name: size}
         return {e.name: (e.value - truth[e.name]) / e.std for e in live.estimates if e.std > 0.0}
 
-    found, subtracted, without = errors(model), errors(model.freeze(**{name: size})), errors(model.drop(name))
-    print(f"\n{name}: estimated {found}; subtracted {subtracted}; left out {without}")
-    assert set(found) == {"bias", "scale_factor", name}
-    assert max(map(abs, found.values())) < 5.0
+    result, subtracted, without = errors(model), errors(model.freeze(**{name: size})), errors(model.drop(name))
+    print(f"\n{name}: estimated {result}; subtracted {subtracted}; left out {without}")
+    assert set(result) == {"bias", "scale_factor", name}
+    assert max(map(abs, result.values())) < 5.0
     assert set(subtracted) == {"bias", "scale_factor"}
     assert max(map(abs, subtracted.values())) < 5.0
     assert max(map(abs, without.values())) > 8.0  # the twin

@@ -25,15 +25,15 @@ DRAWS = {"run_batch": 2000, "run, smoothed": 200, "LiveFilter": 60, "with effect
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_lost_variance_is_an_error(kind: str) -> None:
-    found = tally(KINDS[kind][0], DRAWS.get(kind, 400), seed=11)
-    print(f"\n{kind}: {found.draws} draws, {found.refused} errors, {found.lost} lost")
-    assert found.lost == 0
+    result = tally(KINDS[kind][0], DRAWS.get(kind, 400), seed=11)
+    print(f"\n{kind}: {result.draws} draws, {result.refused} errors, {result.lost} lost")
+    assert result.lost == 0
 
 
 def test_live_models_hold_at_any_rate() -> None:
-    found = tally(live_model, 120, seed=12)
-    assert found.lost == 0
-    assert found.refused <= 6  # 0.2 % diverge under the wide prior: more than 6 of 120 in less than 1e-9 of the cases
+    result = tally(live_model, 120, seed=12)
+    assert result.lost == 0
+    assert result.refused <= 6  # 0.2 % diverge under the wide prior: more than 6 of 120 in less than 1e-9 of the cases
 
 
 def test_rk2_without_the_guard_loses_what_the_filter_refuses() -> None:
@@ -42,10 +42,10 @@ def test_rk2_without_the_guard_loses_what_the_filter_refuses() -> None:
     setups = [draw(rng, integrator="rk2", low_pass=False, **fixed) for _ in range(120)]
     lost = sum(not rk2_unguarded(setup) for setup in setups)
     outcomes = [stepped(setup) for setup in setups]
-    print(f"\nRK2: {lost} of {len(setups)} unguarded lost, {sum(found.refused for found in outcomes)} refused")
+    print(f"\nRK2: {lost} of {len(setups)} unguarded lost, {sum(outcome.refused for outcome in outcomes)} refused")
     assert lost > 5  # the twin that must fail
-    assert sum(found.lost for found in outcomes) == 0
-    assert sum(found.refused for found in outcomes) > 5
+    assert sum(outcome.lost for outcome in outcomes) == 0
+    assert sum(outcome.refused for outcome in outcomes) > 5
 
 
 def slow_sine(live: LiveModel, samples: int) -> None:
@@ -99,7 +99,7 @@ def test_a_batch_marks_what_is_no_number() -> None:
 
 @pytest.mark.parametrize("system", ["aci", "cwpa"])
 def test_smoothed_variances_lie_between_zero_and_the_filtered_ones(system: str) -> None:
-    found = 0
+    result = 0
     rng = np.random.default_rng(14)
     for _ in range(60):
         setup = draw(rng, system=system, integrator="exact")
@@ -113,8 +113,8 @@ def test_smoothed_variances_lie_between_zero_and_the_filtered_ones(system: str) 
         assert run.smoothed_variances is not None
         assert np.all(run.smoothed_variances >= 0.0)
         assert np.all(run.smoothed_variances <= run.variances * (1 + 1e-6))
-        found += 1
-    assert found > 40
+        result += 1
+    assert result > 40
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,9 @@ def test_the_sense_of_the_stage_is_that_of_the_polynomial() -> None:
     k, K0, K2, K3 = theta
     a = rng.normal(size=50)
     f = polarity * (a + gravity)
-    seen = polarity * (K0 + (1 + k) * f + K2 * f**2 + K3 * f**3) - gravity
+    output = polarity * (K0 + (1 + k) * f + K2 * f**2 + K3 * f**3) - gravity
     kk, KK0, KK2, KK3 = to_stage(names, polarity, gravity) @ theta
-    assert seen == pytest.approx(KK0 + (1 + kk) * a + KK2 * a**2 + KK3 * a**3)
+    assert output == pytest.approx(KK0 + (1 + kk) * a + KK2 * a**2 + KK3 * a**3)
 
 
 @pytest.mark.parametrize("placed", [{}, {"mount": "reversed"}, {"axis": "up"}, {"axis": "down", "mount": "reversed"}])

@@ -45,23 +45,25 @@ def world(seed: int, *, seconds: float = 12.0, rig: Rig = RIG) -> World:
     """Bursts of 5 m/s² rms; temperature swings by 3 K."""
     given = {name: TRUE[name] for name in ("bias", "scale_factor", "quadratic")}
     rng = np.random.default_rng(seed)
-    made = simulate("bursts", seconds=seconds, rig=rig, parameters=given, rng=rng, a_rms=5.0, position_noise=READING)
-    t = made.recording.accel.t
-    p, v, _, _ = made.truth.motion.derivatives(t)
+    simulation = simulate(
+        "bursts", seconds=seconds, rig=rig, parameters=given, rng=rng, a_rms=5.0, position_noise=READING
+    )
+    t = simulation.recording.accel.t
+    p, v, _, _ = simulation.truth.motion.derivatives(t)
     temperature = 25.0 + 3.0 * np.sin(0.9 * t + seed)
-    u = made.recording.accel.y + TRUE["temperature_bias"] * (temperature - 25.0)
+    u = simulation.recording.accel.y + TRUE["temperature_bias"] * (temperature - 25.0)
     u += rig.polarity * (TRUE["rail_slope"] * p + TRUE["velocity"] * v)
     z = np.full(len(t), np.nan)
-    z[::2] = made.recording.position.y
+    z[::2] = simulation.recording.position.y
     recording = replace(
-        made.recording,
+        simulation.recording,
         accel=Channel("accel", t, u, "m/s²"),
         side={"temperature": Channel("temperature", t, temperature, "degC")},
     )
     return World(recording, u, z, temperature)
 
 
-def followed(model: Model, made: World, *, rig: Rig = RIG) -> LiveModel:
+def followed(model: Model, truth: World, *, rig: Rig = RIG) -> LiveModel:
     """The live filter at the end of a record."""
     live = LiveModel(
         model,
@@ -69,8 +71,8 @@ def followed(model: Model, made: World, *, rig: Rig = RIG) -> LiveModel:
         rate=RATE,
         q=NOISE**2 / 2,
         r_position=READING**2,
-        position=float(made.z[0]),
+        position=float(truth.z[0]),
         origins=ORIGINS,
     )
-    live.run(made.u, made.z, temperature=made.temperature)
+    live.run(truth.u, truth.z, temperature=truth.temperature)
     return live

@@ -52,7 +52,7 @@ def toolchain() -> tuple[str, str] | None:
 
 
 def cargo_rustc(
-    toolchain: tuple[str, str], made: str, keep: Path, *arguments: str, flags: tuple[str, ...] = ()
+    toolchain: tuple[str, str], text: str, keep: Path, *arguments: str, flags: tuple[str, ...] = ()
 ) -> Path:
     """Builds one variant and copies what was `made` to `keep`, before the next variant overwrites it.
 
@@ -74,7 +74,7 @@ def cargo_rustc(
         if done.returncode != 0 and "undefined reference" in done.stderr:
             raise LinkError(done.stderr)
         assert done.returncode == 0, done.stderr
-        return Path(shutil.copy(built / made, keep))
+        return Path(shutil.copy(built / text, keep))
 
 
 def library(folder: Path, *features: str, flags: tuple[str, ...] = ()) -> Path:
@@ -86,9 +86,9 @@ def library(folder: Path, *features: str, flags: tuple[str, ...] = ()) -> Path:
         Something is left to link: a panic, an allocation.
     """
     variant = ("--lib", "--crate-type", "staticlib", "--features", ",".join(features))
-    made = cargo_rustc(("cargo", "rustc"), "release/libfirmware.a", folder / "firmware.a", *variant, flags=flags)
+    archive = cargo_rustc(("cargo", "rustc"), "release/libfirmware.a", folder / "firmware.a", *variant, flags=flags)
     shared = folder / "firmware.so"
-    sources = (str(FIRMWARE / "freestanding.c"), str(made))
+    sources = (str(FIRMWARE / "freestanding.c"), str(archive))
     command = [
         "cc",
         "-O0",
@@ -115,7 +115,7 @@ def image(folder: Path, *features: str, flags: tuple[str, ...] = ()) -> Path:
     LinkError
         Something is left to link: a panic, an allocation.
     """
-    found = toolchain()
-    assert found is not None
+    result = toolchain()
+    assert result is not None
     variant = ("--bin", "device", "--target", TARGET, "--features", ",".join(features))
-    return cargo_rustc(found, f"{TARGET}/release/device", folder / "device.elf", *variant, flags=flags)
+    return cargo_rustc(result, f"{TARGET}/release/device", folder / "device.elf", *variant, flags=flags)

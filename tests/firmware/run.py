@@ -72,13 +72,13 @@ def emulated(image: Path, board: str) -> Report:
     command += ["-icount", "shift=10,sleep=off", "-semihosting-config", "enable=on,target=native"]
     done = subprocess.run([*command, "-kernel", str(image)], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, f"the device stopped at a fault: {done.stderr}"
-    said = {name: int(value, 16) for name, value in (line.split() for line in done.stderr.splitlines())}
+    sizes = {name: int(value, 16) for name, value in (line.split() for line in done.stderr.splitlines())}
     return Report(
-        said["digest"],
-        said["ticks_predict"] / TICKS_PER_INSTRUCTION,
-        said["ticks_predict_update"] / TICKS_PER_INSTRUCTION,
-        said["stack"],
-        said["state"],
+        sizes["digest"],
+        sizes["ticks_predict"] / TICKS_PER_INSTRUCTION,
+        sizes["ticks_predict_update"] / TICKS_PER_INSTRUCTION,
+        sizes["stack"],
+        sizes["state"],
         flash(image),
     )
 

@@ -47,20 +47,20 @@ def test_the_ten_commands_end_with_the_same_bits_on_the_board(tmp_path: Path) ->
     assert done.returncode == 0, done.stdout + done.stderr
     assert "warning" not in done.stderr
     board = (tmp_path / "board.txt").read_text()
-    found = estimates(board)
-    sigma = np.sqrt(found[:, 1])
+    result = estimates(board)
+    sigma = np.sqrt(result[:, 1])
     for at, truth in TRUTH.items():
-        assert abs(found[at, 0] - truth) < 4.0 * sigma[at]  # one record: false alarms 4 x 6e-5
+        assert abs(result[at, 0] - truth) < 4.0 * sigma[at]  # one record: false alarms 4 x 6e-5
     printed = estimates(next(e.text for e in examples("embedded") if e.text.startswith("parameter")))
-    assert np.all(np.abs(printed - found)[:, 0] < 0.01 * sigma)
-    assert np.allclose(printed[:, 1], found[:, 1], rtol=1e-3, atol=0.0)
+    assert np.all(np.abs(printed - result)[:, 0] < 0.01 * sigma)
+    assert np.allclose(printed[:, 1], result[:, 1], rtol=1e-3, atol=0.0)
     rows = (tmp_path / "today.csv").read_text().splitlines()
     for at in (*range(20_000, 60_000, 1000), *range(70_000, 70_201)):  # forty outputs, and two hundred in a row
         t, _, position = rows[at].split(",")
         rows[at] = f"{t},,{position}"
     (tmp_path / "holes.csv").write_text("\n".join(rows) + "\n")
     over_holes = estimates(shell("./on-host < holes.csv").stdout)
-    assert np.all(np.abs(over_holes - found)[:, 0] < sigma)
+    assert np.all(np.abs(over_holes - result)[:, 0] < sigma)
     assert shell("./on-host < run.csv | cmp - board.txt").returncode == 1  # another recording has other bits
 
 
@@ -104,10 +104,10 @@ def test_eight_lost_outputs_are_held_and_the_ninth_begins_the_gap(tmp_path: Path
         """Calls for rows of output and position, behind the first that has both."""
         text = "t,output,position\n" + "".join(f"0.1,{row}\n" for row in (*before, "1,2", *rows))
         done = subprocess.run(["./track"], cwd=tmp_path, input=text, capture_output=True, text=True, check=False)
-        said = [line for line in done.stdout.splitlines() if line.split()[0] in ("init", "step", "resume")]
-        assert said[:2] == ["init 2", "step 1 2"]
-        assert done.returncode == any(line.startswith("resume inf") or line.endswith("e+30") for line in said)
-        return said[2:]
+        messages = [line for line in done.stdout.splitlines() if line.split()[0] in ("init", "step", "resume")]
+        assert messages[:2] == ["init 2", "step 1 2"]
+        assert done.returncode == any(line.startswith("resume inf") or line.endswith("e+30") for line in messages)
+        return messages[2:]
 
     for lost in (0, 1, 8):
         assert calls(*[",3"] * lost, "4,5", "6,") == ["step 1 3"] * lost + ["step 4 5", "step 6 nan"]

@@ -31,13 +31,13 @@ def drawn(rng, sensors=SENSORS, runs=RUNS, between=3.0, within=1.0, error=0.3):
 
 def test_equal_runs_give_the_analysis_of_variance():
     y, _, sensor = drawn(np.random.default_rng(1))
-    found = population(y, np.full(len(y), 1e-6), sensor)
-    each = y.reshape(SENSORS, RUNS)
-    within = np.sum((each - each.mean(axis=1, keepdims=True)) ** 2) / (SENSORS * (RUNS - 1))
-    between = np.var(each.mean(axis=1), ddof=1) - within / RUNS
-    assert found.run_to_run.value == pytest.approx(math.sqrt(within), rel=1e-4)
-    assert found.between_sensors.value == pytest.approx(math.sqrt(between), rel=1e-4)
-    assert found.mean == pytest.approx(np.mean(y), rel=1e-9)
+    result = population(y, np.full(len(y), 1e-6), sensor)
+    item = y.reshape(SENSORS, RUNS)
+    within = np.sum((item - item.mean(axis=1, keepdims=True)) ** 2) / (SENSORS * (RUNS - 1))
+    between = np.var(item.mean(axis=1), ddof=1) - within / RUNS
+    assert result.run_to_run.value == pytest.approx(math.sqrt(within), rel=1e-4)
+    assert result.between_sensors.value == pytest.approx(math.sqrt(between), rel=1e-4)
+    assert result.mean == pytest.approx(np.mean(y), rel=1e-9)
 
 
 def test_components_mean_and_intervals_hold_over_fleets():
@@ -49,13 +49,13 @@ def test_components_mean_and_intervals_hold_over_fleets():
         sensor = np.repeat(np.arange(SENSORS), RUNS)
         std = 0.3 * np.exp(0.3 * rng.standard_normal(len(sensor)))
         y = 10.0 + S[sensor] + np.hypot(1.0, std) * rng.standard_normal(len(sensor))
-        found = population(y, std, sensor)
-        z.append((found.mean - 10.0) / found.mean_std)
-        sensors.append((found.sensors - 10.0 - S) / found.sensors_std)
-        inside += [c.low <= truth <= c.high for c, truth in ((found.between_sensors, 3.0), (found.run_to_run, 1.0))]
-        outliers += np.any(found.outlying < OUTLYING)
+        result = population(y, std, sensor)
+        z.append((result.mean - 10.0) / result.mean_std)
+        sensors.append((result.sensors - 10.0 - S) / result.sensors_std)
+        inside += [c.low <= truth <= c.high for c, truth in ((result.between_sensors, 3.0), (result.run_to_run, 1.0))]
+        outliers += np.any(result.outlying < OUTLYING)
     low, high = stats.binom.ppf([0.005, 0.995], len(inside), 0.95)
-    rms = [float(np.sqrt(np.mean(np.square(each)))) for each in (z, sensors)]
+    rms = [float(np.sqrt(np.mean(np.square(item)))) for item in (z, sensors)]
     print(f"z-rms of the mean {rms[0]:.2f} of 100, of sensors {rms[1]:.3f} of {100 * SENSORS}; {sum(inside)} inside")
     assert low <= sum(inside) <= high
     assert stats.chi2.ppf(0.005, 100) < 100 * rms[0] ** 2 < stats.chi2.ppf(0.995, 100)
@@ -67,26 +67,26 @@ def test_an_outlying_sensor_is_found_in_every_fleet():
     for seed in range(20):
         y, std, sensor = drawn(np.random.default_rng(seed))
         y[sensor == 7] += 25.0
-        found = population(y, std, sensor)
-        assert found.outlying[7] < OUTLYING
-        assert np.count_nonzero(found.outlying < OUTLYING) == 1
+        result = population(y, std, sensor)
+        assert result.outlying[7] < OUTLYING
+        assert np.count_nonzero(result.outlying < OUTLYING) == 1
 
 
 def test_one_run_a_sensor_leaves_one_spread_and_one_sensor_is_no_fleet():
     y, std, _ = drawn(np.random.default_rng(2), runs=1)
-    found = population(y, std, np.arange(SENSORS))
-    assert found.run_to_run.value == 0.0
-    assert found.between_sensors.value == pytest.approx(np.std(y, ddof=1), rel=0.05)
+    result = population(y, std, np.arange(SENSORS))
+    assert result.run_to_run.value == 0.0
+    assert result.between_sensors.value == pytest.approx(np.std(y, ddof=1), rel=0.05)
     with pytest.raises(ValueError, match="at least two"):
         population(y, std, np.zeros(SENSORS, dtype=np.intp))
 
 
 def test_a_prior_shortens_a_calibration_that_is_coarser_than_the_population():
     y, std, sensor = drawn(np.random.default_rng(3), within=0.01, error=0.01)
-    found = population(y, std, sensor)
-    wide = found.next_run_std
-    assert found.shorter(0.5 * wide) == pytest.approx(0.75)
-    assert found.shorter(2.0 * wide) == 0.0
+    result = population(y, std, sensor)
+    wide = result.next_run_std
+    assert result.shorter(0.5 * wide) == pytest.approx(0.75)
+    assert result.shorter(2.0 * wide) == 0.0
     # a normal prior and a reading of a shorter calibration give the variance of the whole one
     s, share = 0.5 * wide, 0.75
     assert 1.0 / (1.0 / wide**2 + share / s**2) == pytest.approx(s**2)
@@ -117,8 +117,8 @@ def test_the_prior_of_a_fleet_holds_for_the_next_sensor():
 def fitted_with(prior: Prior, seconds: float, k: float, seed: int) -> ac.Fit:
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": k}
-    made = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng)
-    return ac.fit(made.recording, ac.Model.linear().with_priors({"scale_factor": prior}))
+    simulation = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng)
+    return ac.fit(simulation.recording, ac.Model.linear().with_priors({"scale_factor": prior}))
 
 
 def test_the_estimate_with_a_prior_is_its_weighted_mean_with_that_without():
@@ -129,12 +129,12 @@ def test_the_estimate_with_a_prior_is_its_weighted_mean_with_that_without():
     assert both.value == pytest.approx(expected, abs=0.3 * both.std)  # the fit weighs the readings anew
 
 
-@pytest.mark.parametrize(("k", "said"), [(0.0121, False), (0.013, True)])
-def test_a_sensor_that_is_not_of_the_type_is_said_to_be_none(k, said):
+@pytest.mark.parametrize(("k", "message"), [(0.0121, False), (0.013, True)])
+def test_a_sensor_that_is_not_of_the_type_is_said_to_be_none(k, message):
     fit = fitted_with(Prior(0.012, 1e-4), 12.0, k, 5)
     notes = [note for note in fit.remarks if note.code == "not_of_type"]
-    assert bool(notes) == said
-    assert not said or "scale_factor lies" in notes[0].sentence
+    assert bool(notes) == message
+    assert not message or "scale_factor lies" in notes[0].sentence
 
 
 @pytest.fixture(scope="module")
@@ -147,8 +147,8 @@ def sensors(tmp_path_factory):
         for j in range(5):
             bias = b + 5e-4 * rng.standard_normal() + 0.02 * j * (i == 1)
             truth = {"bias": bias, "scale_factor": k}
-            made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters=truth, rng=rng)
-            side = write_recording(made.recording, folder / f"s{i}" / f"r{j}.csv")
+            simulation = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters=truth, rng=rng)
+            side = write_recording(simulation.recording, folder / f"s{i}" / f"r{j}.csv")
             side.write_text(f"{side.read_text()}\n[run]\ndate = 2026-{j + 1:02d}-0{i + 1}\n")
     (folder / "s2" / "r4.csv").write_text("t_s,accel_g\n0,1\n")
     (folder / "s0" / "r2.html").write_text("a report")
@@ -164,11 +164,11 @@ def test_a_fleet_is_compared_and_its_page_links_reports(sensors, tmp_path):
     page = sensors / "fleet.html"
     done = run(sensors, tmp_path / "a.sqlite", "--workers", "2", "-o", str(page), "--json")
     assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
-    assert found["populations"]["scale_factor"]["between_sensors"]["value"] > 1e-3
-    assert [chart["sensor"] for chart in found["charts"] if chart["p_value"] < 0.01] == ["s1"]
-    assert [len(found["errors"]), len(found["files"])] == [1, 19]
-    assert any("1 of 20 recordings could not be fitted" in text for text in found["sentences"])
+    answer = json.loads(done.stdout)
+    assert answer["populations"]["scale_factor"]["between_sensors"]["value"] > 1e-3
+    assert [chart["sensor"] for chart in answer["charts"] if chart["p_value"] < 0.01] == ["s1"]
+    assert [len(answer["errors"]), len(answer["files"])] == [1, 19]
+    assert any("1 of 20 recordings could not be fitted" in text for text in answer["sentences"])
     text = page.read_text()
     assert 'href="s0/r2.html"' in text
     assert "bias of s1 ages" in text
@@ -212,15 +212,15 @@ def test_a_fleet_is_the_prior_of_sizes_in_a_search(tmp_path):
         done = CliRunner().invoke(app, ["diagnose", model, str(tmp_path / "run.csv"), *prior, "--json"])
         assert done.exit_code == 0, done.output
         answer = json.loads(done.stdout)
-        sets[prior[-1:]] = answer["scan"]["found"][0]["weights"], answer["sentence"]
-    (sheet, text), (given, said), (alone, bare) = sets.values()
+        sets[prior[-1:]] = answer["scan"]["detected"][0]["weights"], answer["sentence"]
+    (sheet, text), (given, prior_text), (alone, bare) = sets.values()
     first = {name: w["by_record"] for name, w in sheet.items()}
     for other in (given, alone):
         assert {name: w["by_record"] for name, w in other.items()} == first
     assert given["cubic"]["with_sheets"] > 0.98 > 0.96 > sheet["cubic"]["with_sheets"]
     assert [given[name]["source"] for name in ("cubic", "odd_quadratic")] == ["fleet", "run.toml"]
     assert "(odd_quadratic: run.toml)" in text
-    assert "(cubic: fleet, odd_quadratic: run.toml)" in said
+    assert "(cubic: fleet, odd_quadratic: run.toml)" in prior_text
     assert {w["with_sheets"] for w in alone.values()} == {"NaN"}
     assert "data sheets" not in bare
     improved = CliRunner().invoke(app, ["improve", str(tmp_path / "run.csv"), "--prior", "none", "--json"])
@@ -241,16 +241,16 @@ def test_what_is_no_fleet_is_refused_before_a_recording_is_read(command, sensors
 
 def test_workers_do_not_change_a_byte_and_nothing_is_computed_twice(sensors, tmp_path):
     two_sensors = partial(run, sensors, sensors=(2, 3))
-    one = two_sensors(tmp_path / "one.sqlite", "--json")
+    answer = two_sensors(tmp_path / "one.sqlite", "--json")
     two = two_sensors(tmp_path / "two.sqlite", "--workers", "2", "--json")
-    assert one.stdout == two.stdout
+    assert answer.stdout == two.stdout
     again = two_sensors(tmp_path / "two.sqlite", "--json")
     assert again.stdout == two.stdout
     assert "0 recordings fitted, 10 found" in again.stderr
     with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
         dask = two_sensors(tmp_path / "dask.sqlite", "--dask", cluster.scheduler_address, "--json")
     assert dask.exit_code == 0, dask.output
-    assert dask.stdout == one.stdout
+    assert dask.stdout == answer.stdout
 
 
 def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
@@ -264,13 +264,13 @@ def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         campaign.run(fit_of, files, store=half, parameters={"model": "linear"}, batch=1, progress=killed)
-    kept = len(campaign.load(half).items)
-    assert 7 <= kept < 20
+    count = len(campaign.load(half).items)
+    assert 7 <= count < 20
     done = campaign.run(fit_of, files, store=half, parameters={"model": "linear"})
-    assert (done.computed, done.kept) == (20 - kept, kept)
-    kept, made = (summarise(campaign.load(store)).to_json() for store in (half, whole))
-    assert kept == made
-    require_published(json.loads(made))
+    assert (done.computed, done.stored) == (20 - count, count)
+    count, again = (summarise(campaign.load(store)).to_json() for store in (half, whole))
+    assert count == again
+    require_published(json.loads(again))
 
 
 def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
@@ -278,8 +278,8 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
     for i in range(2):
         (tmp_path / f"s{i}").mkdir()
         for j in range(2):
-            made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
-            write_recording(made.recording, tmp_path / f"s{i}" / f"r{j}.csv")
+            record = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+            write_recording(record.recording, tmp_path / f"s{i}" / f"r{j}.csv")
     store, good = tmp_path / "f.sqlite", (tmp_path / "s0" / "r1.csv").read_text()
     (tmp_path / "s0" / "r1.csv").write_text("t_s,accel_g\n0,1\n")
 
@@ -291,11 +291,11 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
 
     assert "4 recordings fitted, 0 found" in call()
     (tmp_path / "s0" / "r1.csv").write_text(good)
-    write_recording(made.recording, tmp_path / "s0" / "r0b.csv")  # sorts before others
+    write_recording(record.recording, tmp_path / "s0" / "r0b.csv")  # sorts before others
     assert "1 recordings fitted, 4 found" in call()
     assert "1 recordings fitted, 4 found" in call("--retry")
-    assert "0 recordings fitted, 5 found" in (said := call())  # the twin: what has not changed is fitted once
-    assert "changed" not in said
+    assert "0 recordings fitted, 5 found" in (message := call())  # the twin: what has not changed is fitted once
+    assert "changed" not in message
 
     def bias():
         stored = campaign.load(store)
@@ -304,8 +304,10 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
     assert bias() == pytest.approx(0.05, abs=0.02)
     simulation = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.45}, rng=rng)
     side = write_recording(simulation.recording, tmp_path / "s1" / "r0.csv")
-    assert f"1 recordings have changed since {store} keeps them, {tmp_path / 's1' / 'r0.csv'} first" in (said := call())
-    assert "1 recordings fitted, 4 found" in said
+    assert f"1 recordings have changed since {store} keeps them, {tmp_path / 's1' / 'r0.csv'} first" in (
+        message := call()
+    )
+    assert "1 recordings fitted, 4 found" in message
     assert bias() == pytest.approx(0.45, abs=0.02)
     side.write_text(f"{side.read_text()}# nothing else\n")
     assert "1 recordings fitted, 4 found" in call()
@@ -321,10 +323,10 @@ def test_the_runs_of_one_sensor_have_limits_of_their_own():
 
 def test_large_fleets_have_intervals():
     y, std, sensor = drawn(np.random.default_rng(6), sensors=3000)
-    found = population(y, std, sensor)
-    assert found.run_to_run.low < 1.0 < found.run_to_run.high
-    assert found.run_to_run.high - found.run_to_run.low == pytest.approx(2.0 * 1.96 / math.sqrt(2.0 * 9000), rel=0.15)
-    assert found.between_sensors.low < 3.0 < found.between_sensors.high
+    result = population(y, std, sensor)
+    assert result.run_to_run.low < 1.0 < result.run_to_run.high
+    assert result.run_to_run.high - result.run_to_run.low == pytest.approx(2.0 * 1.96 / math.sqrt(2.0 * 9000), rel=0.15)
+    assert result.between_sensors.low < 3.0 < result.between_sensors.high
 
 
 def test_what_cannot_be_a_fleet_is_refused(sensors, tmp_path):
@@ -352,7 +354,7 @@ def test_a_sensor_that_does_not_age_is_not_said_to(sensors):
         charts = [
             chart(f"s{k}", "bias", days, 2e-3 * rng.standard_normal(6), np.full(6, 1e-4), 2e-3) for k in range(10)
         ]
-        false += any(corrected(one, 10).p_value < AGEING_ALPHA for one in charts)
+        false += any(corrected(figure, 10).p_value < AGEING_ALPHA for figure in charts)
     print(f"{false} of 60 campaigns of ten sensors say that one ages ({AGEING_ALPHA:g} stated)")
     assert false <= stats.binom.ppf(0.975, 60, AGEING_ALPHA)
     assert set(summary.MODELS) == {"linear", "cubic"}

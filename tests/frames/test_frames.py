@@ -26,13 +26,13 @@ def simulated(seed: int) -> Any:
 
 
 @pytest.fixture(scope="module")
-def made() -> Any:
+def simulation() -> Any:
     return simulated(1)
 
 
 @pytest.fixture(scope="module")
-def run(made: Any) -> ac.Recording:
-    return made.recording
+def run(simulation: Any) -> ac.Recording:
+    return simulation.recording
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def fit(run: ac.Recording) -> ac.Fit:
 
 
 @pytest.fixture(scope="module")
-def seen(fit: ac.Fit) -> Evaluation:
+def evaluation(fit: ac.Fit) -> Evaluation:
     return ac.compare(fit, simulated(2).recording)[0]
 
 
@@ -65,10 +65,10 @@ def test_time_is_an_index_or_a_column(run: ac.Recording, clock: str) -> None:
     else:
         index = {"numbers": t, "deltas": pd.to_timedelta(t, unit="s"), "dates": pd.Timestamp(2026, 1, 1)}[clock]
         frame.index = pd.Index(index + pd.to_timedelta(t, unit="s") if clock == "dates" else index)
-    found = ac.Recording.from_dataframe(frame, rig=run.rig)
-    np.testing.assert_allclose(found.accel.t, t, atol=2e-9)
-    np.testing.assert_allclose(found.accel.y, run.accel.y, rtol=1e-12)
-    np.testing.assert_allclose(found.position.y, np.sin(t), rtol=1e-12)
+    result = ac.Recording.from_dataframe(frame, rig=run.rig)
+    np.testing.assert_allclose(result.accel.t, t, atol=2e-9)
+    np.testing.assert_allclose(result.accel.y, run.accel.y, rtol=1e-12)
+    np.testing.assert_allclose(result.position.y, np.sin(t), rtol=1e-12)
 
 
 def test_dates_with_a_time_zone_are_instants(run: ac.Recording) -> None:
@@ -87,7 +87,7 @@ def test_a_frame_without_rows_is_refused_in_a_sentence(index: pd.Index) -> None:
 
 
 def test_arrays_with_two_clocks_and_side_channels(run: ac.Recording) -> None:
-    found = ac.Recording.from_arrays(
+    result = ac.Recording.from_arrays(
         1e3 * run.accel.t,
         run.accel.y,
         run.position.y,
@@ -96,14 +96,14 @@ def test_arrays_with_two_clocks_and_side_channels(run: ac.Recording) -> None:
         side={"temperature": np.where(run.accel.t < 1.0, 212.0, np.nan)},
         rig=run.rig,
     )
-    np.testing.assert_allclose(found.position.t, run.position.t, atol=1e-12)
-    assert found.side["temperature"].t[-1] < 1.0
-    np.testing.assert_allclose(found.side["temperature"].y, 100.0)
-    assert found.digest
+    np.testing.assert_allclose(result.position.t, run.position.t, atol=1e-12)
+    assert result.side["temperature"].t[-1] < 1.0
+    np.testing.assert_allclose(result.side["temperature"].y, 100.0)
+    assert result.digest
 
 
 @pytest.mark.parametrize(
-    ("units", "said"),
+    ("units", "text"),
     [
         ({"accel": "g"}, "position has no unit"),
         ({"accel": "g", "position": "kg"}, "does not measure a length"),
@@ -111,22 +111,22 @@ def test_arrays_with_two_clocks_and_side_channels(run: ac.Recording) -> None:
         ({"accel": "g", "position": "mm", "acell": "g"}, "acell"),
     ],
 )
-def test_units_are_never_guessed(units: dict[str, str], said: str) -> None:
+def test_units_are_never_guessed(units: dict[str, str], text: str) -> None:
     t = np.arange(100.0)
-    with pytest.raises(ac.RecordingError, match=said):
+    with pytest.raises(ac.RecordingError, match=text):
         ac.Recording.from_arrays(t, t, t, units=units)
 
 
 @pytest.mark.parametrize(
-    ("t", "accel", "said"),
+    ("t", "accel", "text"),
     [
         (np.arange(99.0), np.arange(100.0), "as many of each"),
         (np.arange(100.0)[::-1], np.arange(100.0), r"backward.*Sort the rows by time\."),
         (np.arange(100.0), np.full(100, np.inf), "finite"),
     ],
 )
-def test_samples_are_checked_as_those_of_a_file(t: Any, accel: Any, said: str) -> None:
-    with pytest.raises(ac.RecordingError, match=said):
+def test_samples_are_checked_as_those_of_a_file(t: Any, accel: Any, text: str) -> None:
+    with pytest.raises(ac.RecordingError, match=text):
         ac.Recording.from_arrays(t, accel, np.arange(100.0), units={"accel": "g", "position": "mm"})
 
 
@@ -144,11 +144,11 @@ def test_a_fit_as_frames(fit: ac.Fit) -> None:
     assert fit.to_xarray()["covariance"].shape == fit.covariance.shape
 
 
-def test_a_comparison_as_frames(seen: Evaluation) -> None:
-    frame = seen.to_dataframe()
-    assert frame.loc[10.0, "drift"] == seen.coast_rms[10.0]
-    data = seen.to_xarray()
-    np.testing.assert_array_equal(data["one_step"].values, seen.residual[1])
+def test_a_comparison_as_frames(evaluation: Evaluation) -> None:
+    frame = evaluation.to_dataframe()
+    assert frame.loc[10.0, "drift"] == evaluation.coast_rms[10.0]
+    data = evaluation.to_xarray()
+    np.testing.assert_array_equal(data["one_step"].values, evaluation.residual[1])
     assert data["measured"].attrs["units"] == "m"
 
 
@@ -161,23 +161,23 @@ def test_a_comparison_of_models_is_a_dataset_with_axes(fit: ac.Fit) -> None:
     assert dict(data.sizes)["recording"] == 2
     for number, name in enumerate(several.names):
         mine = data["simulated"].isel(recording=0).sel(model=name).dropna("t")
-        np.testing.assert_array_equal(mine.values, several.seen[0][number].simulated[2])
-        np.testing.assert_array_equal(mine["t"].values, several.seen[0][number].simulated[0])
+        np.testing.assert_array_equal(mine.values, several.evaluations[0][number].simulated[2])
+        np.testing.assert_array_equal(mine["t"].values, several.evaluations[0][number].simulated[0])
     errors = several.to_dataframe().query("model != 'noise alone'")  # zero is a bound, which its interval says
     assert (errors["systematic_low"] <= errors["systematic"]).all()
     assert (errors["systematic"] < errors["systematic_high"]).all()
 
 
 def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:
-    found = ac.diagnose(fit, run)
-    frame = found.to_dataframe()
-    assert frame.attrs["verdict"] == found.verdict
+    diagnosis = ac.diagnose(fit, run)
+    frame = diagnosis.to_dataframe()
+    assert frame.attrs["verdict"] == diagnosis.verdict
     assert "cubic" in frame.index
     assert frame["named"].any()
-    assert len(frame) == sum(len(c.estimate) for c in found.scan.candidates)
+    assert len(frame) == sum(len(c.estimate) for c in diagnosis.scan.candidates)
 
 
-def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, made: Any) -> None:
+def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, simulation: Any) -> None:
     state = solve_runs(ac.Model.linear(), [run]).states[0]
     filtered = ForwardFilter(ac.FilterChoice()).over(fit, state)
     data = filtered.to_xarray()
@@ -187,8 +187,8 @@ def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, ma
     np.testing.assert_array_equal(
         course_of.to_xarray()["value"].sel(parameter="bias").values, course_of.to_dataframe()["bias"]
     )
-    exact = made.to_xarray()
-    np.testing.assert_array_equal(exact["a"].values, made.truth.motion.acceleration(run.accel.t))
+    exact = simulation.to_xarray()
+    np.testing.assert_array_equal(exact["a"].values, simulation.truth.motion.acceleration(run.accel.t))
 
 
 def test_other_results_as_frames(fit: ac.Fit, run: ac.Recording) -> None:
@@ -208,10 +208,10 @@ def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: 
         fit.to_dataframe() if library == "pandas" else fit.to_xarray()
 
 
-def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: Evaluation) -> None:
-    frame = seen.to_dataframe("regions")
-    assert frame.index.tolist() == [region.variable for region in seen.worst_regions]
-    first = seen.worst_regions[0]
+def test_where_it_fails_is_a_frame_of_the_worst_regions(evaluation: Evaluation) -> None:
+    frame = evaluation.to_dataframe("regions")
+    assert frame.index.tolist() == [region.variable for region in evaluation.worst_regions]
+    first = evaluation.worst_regions[0]
     assert first.stretch is not None
     assert frame.iloc[0][["low", "high", "excess", "p", "start", "end"]].tolist() == [
         *(first.low, first.high, first.excess, first.p),
@@ -219,11 +219,16 @@ def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: Evaluation) -> Non
     ]
 
 
-def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: Evaluation, run: ac.Recording) -> None:
-    for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
+def test_figures_are_drawn_by_the_results(fit: ac.Fit, evaluation: Evaluation, run: ac.Recording) -> None:
+    for figure in (
+        fit.plot(),
+        evaluation.plot(),
+        evaluation.plot("regions", theme="dark"),
+        ac.diagnose(fit, run).plot(),
+    ):
         assert figure.axes or figure.subfigs
     with pytest.raises(ValueError, match="expected 'overlay'"):
-        seen.plot("nonsense")  # type: ignore[arg-type]
+        evaluation.plot("nonsense")  # type: ignore[arg-type]
 
 
 def test_nothing_that_draws_is_imported_before_it_draws() -> None:

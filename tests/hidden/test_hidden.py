@@ -21,9 +21,9 @@ def outcomes(*trials: Trial) -> list[Outcome]:
     return [run(replace(trial, length=LENGTH)) for trial in trials]
 
 
-def hold(group: int, found: list[Outcome], *claims: str) -> bool:
+def hold(group: int, results: list[Outcome], *claims: str) -> bool:
     """Whether all lines of a group hold, or those whose claim contains one of the words."""
-    judged: list[Line] = lines(group, found)
+    judged: list[Line] = lines(group, results)
     chosen = [line for line in judged if not claims or any(word in line.claim for word in claims)]
     assert chosen, [line.text for line in judged]
     return all(line.holds for line in chosen)
@@ -43,9 +43,9 @@ def test_a_step_does_not_pass_for_nothing() -> None:
 @pytest.mark.parametrize("name", [pytest.param("quadratic", marks=pytest.mark.always), "rail_slope", "scale_step"])
 def test_one_effect_of_d_twenty_is_detected_and_in_a_reported_class(name: str) -> None:
     # 1 % outside the class
-    found = outcomes(Trial(2, 3, 1, (name,), 20.0))
-    assert hold(2, found, "d = 20: detected", "d = 20: in a class")
-    misnamed = [{**o, "names": ["cross_axis"]} for o in found]
+    result = outcomes(Trial(2, 3, 1, (name,), 20.0))
+    assert hold(2, result, "d = 20: detected", "d = 20: in a class")
+    misnamed = [{**o, "names": ["cross_axis"]} for o in result]
     assert not hold(2, misnamed, "d = 20: in a class")
 
 
@@ -68,18 +68,18 @@ def test_two_true_functions_of_one_variable_keep_their_names() -> None:
 @pytest.mark.parametrize("name", ["tilt", "encoder_scale"])
 def test_effects_that_a_level_rig_never_shows_are_listed_and_not_named(name: str) -> None:
     # 0.5 % each
-    found = outcomes(Trial(5, 1, 1, (name,)))
-    assert hold(5, found)
-    silent = [{**o, "inseparable": []} for o in found]
+    result = outcomes(Trial(5, 1, 1, (name,)))
+    assert hold(5, result)
+    silent = [{**o, "inseparable": []} for o in result]
     assert not hold(5, silent, "class and experiment")
 
 
 def test_two_collinear_effects_are_reported_as_one_curve() -> None:
     # 20 % on a motion drawn anew; this one is fixed
-    found = outcomes(Trial(6, 1, 1, ("quintic",), 30.0))
-    assert hold(6, found, "right shape", "certain")
-    assert "cubic" in found[0]["classes"][0]
-    by_evidence_alone = [{**o, "effects": ["cubic"], "classes": [["cubic"]], "verdict": "named"} for o in found]
+    result = outcomes(Trial(6, 1, 1, ("quintic",), 30.0))
+    assert hold(6, result, "right shape", "certain")
+    assert "cubic" in result[0]["classes"][0]
+    by_evidence_alone = [{**o, "effects": ["cubic"], "classes": [["cubic"]], "verdict": "named"} for o in result]
     assert not hold(6, by_evidence_alone, "right shape")
     assert not hold(6, by_evidence_alone, "certain")
 
@@ -90,18 +90,18 @@ def test_two_collinear_effects_are_reported_as_one_curve() -> None:
 )
 def test_functions_of_two_variables_and_fine_ripples_are_reported_as_such(name: str, shape: str) -> None:
     # 5 %
-    found = outcomes(Trial(6, 3, 1, (name,), 30.0))
-    assert hold(6, found, "right variable", "certain")
-    assert shape in found[0]["effects"]
-    skewed = [{**o, "effects": ["clock_skew"], "classes": [["clock_skew"]]} for o in found]
+    result = outcomes(Trial(6, 3, 1, (name,), 30.0))
+    assert hold(6, result, "right variable", "certain")
+    assert shape in result[0]["effects"]
+    skewed = [{**o, "effects": ["clock_skew"], "classes": [["clock_skew"]]} for o in result]
     assert not hold(6, skewed, "right variable")
     assert not hold(6, skewed, "certain")
 
 
 def test_the_found_model_errs_on_another_motion_as_little_as_the_true_one() -> None:
-    found = outcomes(Trial(8, 2, 1, ("quadratic",), 30.0))
-    assert hold(8, found, "1 s", "5 s")
-    unchanged = [{**o, "found": {key: 3.0 * v for key, v in o["oracle"].items() if v is not None}} for o in found]
+    result = outcomes(Trial(8, 2, 1, ("quadratic",), 30.0))
+    assert hold(8, result, "1 s", "5 s")
+    unchanged = [{**o, "found": {key: 3.0 * v for key, v in o["oracle"].items() if v is not None}} for o in result]
     assert not hold(8, unchanged, "1 s: within")
 
 

@@ -165,11 +165,11 @@ def test_rivals_follow_the_effect_and_a_wave_has_one_amplitude() -> None:
         finding("cubic", (1e-3,), (1e-5,), ()),
         finding("encoder_nonlinearity", (1.0, 2.0), (0.1, 0.1), ()),
     ]
-    rows = suite.rows_of(SimpleNamespace(found=findings, verdict="tied"))
+    rows = suite.rows_of(SimpleNamespace(detected=findings, verdict="tied"))
     assert rows == {"tone": ("0.005", "0.0002"), "other": ("", ""), "cubic": ("", ""), "encoder_nonlinearity": ("", "")}
     assert next(iter(rows)) == "tone"
     for verdict, name in (("adequate", "nothing"), ("unexplained", "other")):
-        assert suite.rows_of(SimpleNamespace(found=[], verdict=verdict)) == {name: ("", "")}
+        assert suite.rows_of(SimpleNamespace(detected=[], verdict=verdict)) == {name: ("", "")}
 
 
 def finding(

@@ -210,18 +210,18 @@ def run(trial: Trial) -> Outcome:
     return outcome
 
 
-def improved(found: verbs.Improvement, world: World) -> Outcome:
+def improved(result: verbs.Improvement, world: World) -> Outcome:
     """Names, classes, verdict and estimates of an improvement."""
-    first = found.steps[0].fit
+    first = result.steps[0].fit
     return {
-        "effects": list(found.effects),
-        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
-        "verdict": found.diagnosis.verdict,
-        "sentence": found.diagnosis.sentence,
-        "top": [[c.effect, c.gain, c.dof, c.p_value] for c in found.diagnosis.scan.candidates[:4]],
+        "effects": list(result.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in result.classes],
+        "verdict": result.diagnosis.verdict,
+        "sentence": result.diagnosis.sentence,
+        "top": [[c.effect, c.gain, c.dof, c.p_value] for c in result.diagnosis.scan.candidates[:4]],
         "noise_ratio": first.runs[0].noise.ratio,
-        "estimates": errors(found.steps[-1].fit, world),
-        "inseparable": [list(tie.members) for tie in found.diagnosis.inseparable],
+        "estimates": errors(result.steps[-1].fit, world),
+        "inseparable": [list(tie.members) for tie in result.diagnosis.inseparable],
     }
 
 
@@ -233,7 +233,7 @@ def at_output(hidden: Hidden, k: float) -> float:
 def errors(fit: Fit, world: World) -> dict[str, list[float]]:
     """Estimate, its standard deviation and the truth, for what has one number in both worlds."""
     k = float(world.scale_factor or 0.0)
-    found: dict[str, list[float]] = {}
+    results: dict[str, list[float]] = {}
     truth = {"scale_factor": k}
     for hidden in world.hidden:
         if hidden.name in UNLIKE:
@@ -245,26 +245,26 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
             truth["scale_factor"] += hidden.magnitude * (fit.origins.temperature - REFERENCE_TEMPERATURE)
     for estimate in fit.estimates:
         if estimate.name in truth and estimate.std > 0.0:
-            found[estimate.name] = [estimate.value, estimate.std, truth[estimate.name]]
-    return found
+            results[estimate.name] = [estimate.value, estimate.std, truth[estimate.name]]
+    return results
 
 
 def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
     """Coasting on another motion: base, found model, and the model that knows the true effect."""
-    found = verbs.improve(recording, holdout=unseen)
-    last = found.steps[-1]
+    improvement = verbs.improve(recording, holdout=unseen)
+    last = improvement.steps[-1]
     outcome = {
-        "effects": list(found.effects),
-        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
-        "verdict": found.diagnosis.verdict,
-        "base": coasting(found.steps[0].heldout),
+        "effects": list(improvement.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in improvement.classes],
+        "verdict": improvement.diagnosis.verdict,
+        "base": coasting(improvement.steps[0].heldout),
         "found": coasting(last.heldout),
         "allowed": allowed(last.fit, unseen),
     }
-    base = found.steps[0].fit
+    base = improvement.steps[0].fit
     oracle = base if trial.names[0] in base.model.effects else verbs.add(base, recording, trial.names[0])
     if "time_offset" in base.model.fixed:
-        oracle = found.steps[1].fit
+        oracle = improvement.steps[1].fit
     return {**outcome, "oracle": coasting(verbs.compare(oracle, unseen)[0])}
 
 

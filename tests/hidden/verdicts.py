@@ -49,8 +49,8 @@ def at_most(group: int, claim: str, flags: Sequence[bool], most: float) -> Line:
 def injected(outcome: Outcome) -> set[str]:
     """Nuisances of a record that have a name in the catalogue, and the vibration that a rectified one depends on."""
     vibrates = outcome["nuisances"]["vibration"] > 0.0 or "vibration_rectification" in outcome["names"]
-    found = {"vibration"} if vibrates else set()
-    return found | ({"quantisation"} if outcome["nuisances"]["converter_bits"] < 16 else set())
+    result = {"vibration"} if vibrates else set()
+    return result | ({"quantisation"} if outcome["nuisances"]["converter_bits"] < 16 else set())
 
 
 def falsely_named(outcome: Outcome) -> list[str]:
@@ -123,8 +123,8 @@ def variables(name: str) -> set[str]:
         return {"encoder_position"}
     for head in LEAST_EXPLAINED:
         if name.startswith(head):
-            found = name.removeprefix(head).split("_and_")
-            return {"since_reversal" if variable == "reversal" else variable for variable in found}
+            result = name.removeprefix(head).split("_and_")
+            return {"since_reversal" if variable == "reversal" else variable for variable in result}
     effect = (CATALOGUE | OUTSIDE).get(name)
     return set(effect.explains) if effect is not None else {name}
 
@@ -139,10 +139,10 @@ def lines(group: int, outcomes: Sequence[Outcome]) -> list[Line]:
     ran = good_outcomes(outcomes)
     failed = [o for o in outcomes if "error" in o]
     tried = len(ran) + len(failed)
-    found = JUDGES[group](ran)
+    result = JUDGES[group](ran)
     if failed:
-        found.append(Line(group, "runs to the end", f"{len(ran)}", f"{len(ran)} of {tried}", "all", False))
-    return found
+        result.append(Line(group, "runs to the end", f"{len(ran)}", f"{len(ran)} of {tried}", "all", False))
+    return result
 
 
 def _null(ran: list[Outcome]) -> list[Line]:
@@ -151,19 +151,19 @@ def _null(ran: list[Outcome]) -> list[Line]:
 
 def _single(ran: list[Outcome]) -> list[Line]:
     groups = dict(zip(STRENGTHS, ((0.98, 0.95, 0.75), (1.0, 0.99, 0.90), (1.0, 0.99, 0.97)), strict=True))
-    found = []
+    results = []
     for d, (least_detected, least_class, least_first) in groups.items():
         these = [o for o in ran if o["d"] == d]
         clear = [o for o in these if o["rival"] < MANY]
-        found += [
+        results += [
             share(2, f"d = {d:g}: detected", [detected(o, o["names"][0]) for o in these], least_detected),
             share(2, f"d = {d:g}: in a class", [in_class(o, o["names"][0]) for o in these], least_class),
             share(2, f"d = {d:g}: first", [first(o, o["names"][0]) for o in clear], least_first),
         ]
     sizes = [len(tie) for o in ran for tie in o["classes"] if o["names"][0] in tie]
     size = float(np.median(sizes)) if sizes else float("nan")
-    found.append(Line(2, "median class size", f"{size:g}", f"{len(sizes)} classes", "<= 3", size <= 3))
-    return found
+    results.append(Line(2, "median class size", f"{size:g}", f"{len(sizes)} classes", "<= 3", size <= 3))
+    return results
 
 
 def _weak(ran: list[Outcome]) -> list[Line]:
@@ -247,20 +247,20 @@ def _estimates(ran: list[Outcome]) -> list[Line]:
 
 def near_oracle(outcome: Outcome, key: str) -> bool:
     """Whether the found model errs no more than the oracle and its own parameters explain."""
-    found, oracle, more = outcome["found"][key], outcome["oracle"][key], outcome["allowed"][key]
-    return bool(found <= 1.05 * np.hypot(oracle, more))
+    result, oracle, more = outcome["found"][key], outcome["oracle"][key], outcome["allowed"][key]
+    return bool(result <= 1.05 * np.hypot(oracle, more))
 
 
 def _held_out(ran: list[Outcome]) -> list[Line]:
-    found = []
+    results = []
     for key in ("one_step", "1 s", "5 s", "10 s"):
-        known = [o for o in ran if o["oracle"].get(key) is not None]
-        found.append(share(8, f"{key}: within 5 % of the oracle", [near_oracle(o, key) for o in known], 1.0))
+        scored = [o for o in ran if o["oracle"].get(key) is not None]
+        results.append(share(8, f"{key}: within 5 % of the oracle", [near_oracle(o, key) for o in scored], 1.0))
         if key != "one_step":
-            worth = [o for o in known if o["base"][key] >= 2.5 * o["oracle"][key]]
+            worth = [o for o in scored if o["base"][key] >= 2.5 * o["oracle"][key]]
             halves = [o["base"][key] >= 2.0 * o["found"][key] for o in worth]
-            found.append(share(8, f"{key}: falls twofold", halves, 1.0))
-    return found
+            results.append(share(8, f"{key}: falls twofold", halves, 1.0))
+    return results
 
 
 JUDGES: dict[int, Callable[[list[Outcome]], list[Line]]] = {

@@ -19,12 +19,12 @@ class Moments:
     """Counts moments of one kind, and sends the signal at one of them."""
 
     def __init__(self, number: int, sent: int) -> None:
-        self.number, self.sent, self.seen = number, sent, 0
+        self.number, self.sent, self.calls = number, sent, 0
 
     def pass_one(self) -> None:
         """One more."""
-        self.seen += 1
-        if self.sent and self.seen == self.number:
+        self.calls += 1
+        if self.sent and self.calls == self.number:
             signal.raise_signal(self.sent)
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:
@@ -58,7 +58,7 @@ def main() -> None:
         command_line()
     finally:
         if not moments.sent:
-            print(moments.seen, file=sys.stderr)
+            print(moments.calls, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -36,14 +36,14 @@ words of JSON in quotes."""
 
 def recording(seconds: float = 3.0, seed: int = 1, temperature: bool = False) -> ac.Recording:
     """A short record of an ordinary sensor."""
-    made = ac.simulate(
+    simulation = ac.simulate(
         "tones",
         seconds=seconds,
         rig=ADXL105_RIG,
         parameters={"bias": 0.05, "cubic": 1e-3},
         rng=np.random.default_rng(seed),
     )
-    return made.recording
+    return simulation.recording
 
 
 @cache
@@ -110,10 +110,10 @@ def place(content: Any, at: Sequence[Any]) -> Any:
 
 def mutated(content: dict[str, Any], rng: np.random.Generator) -> str:
     """Text of a model file after one to three changes; at times of its bytes."""
-    made: Any = copy.deepcopy(content)
+    mutant: Any = copy.deepcopy(content)
     for _ in range(1 + int(rng.integers(3)) * (rng.random() < 0.3)):
-        change(made, rng)
-    text = json.dumps(made)
+        change(mutant, rng)
+    text = json.dumps(mutant)
     kind = rng.random()
     if kind < 0.08:
         raw = bytearray(text.encode())
@@ -169,22 +169,22 @@ def change(content: dict[str, Any], rng: np.random.Generator) -> None:
 def exported(fit: ac.Fit) -> Iterator[str]:
     """Everything that is exported, and one application."""
     try:
-        made = export.calibrate(fit)
+        calibration = export.calibrate(fit)
     except export.NotExportable:
         left = characteristic(fit).left_out
-        made = export.calibrate(fit, without=[one.effect for one in left if one.needed])
-    yield export.header(made, "x.h")
-    yield export.module(made)
-    yield export.draft(made, export.Laboratory()).text
-    show_export(made)
-    yield model_file.dumps(results_json.content(made))
+        calibration = export.calibrate(fit, without=[item.effect for item in left if item.needed])
+    yield export.header(calibration, "x.h")
+    yield export.module(calibration)
+    yield export.draft(calibration, export.Laboratory()).text
+    show_export(calibration)
+    yield model_file.dumps(results_json.content(calibration))
 
 
 def applied(fit: ac.Fit) -> Iterator[str]:
     """Accelerations of some outputs."""
     for output in (-20.0, 0.0, 1.5):
-        found = apply(fit, output)
-        yield f"{found.acceleration!r} {found.std!r} {found.rounds!r}"
+        result = apply(fit, output)
+        yield f"{result.acceleration!r} {result.std!r} {result.rounds!r}"
 
 
 def printed(fit: ac.Fit) -> Iterator[str]:
@@ -198,16 +198,16 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
-    seen = verbs.compare(fit, record())
-    show_comparison(seen)
-    yield model_file.dumps(results_json.content(seen))
+    comparison = verbs.compare(fit, record())
+    show_comparison(comparison)
+    yield model_file.dumps(results_json.content(comparison))
 
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    seen = verbs.diagnose(fit, record())
-    show(seen)
-    yield model_file.dumps(results_json.content(seen))
+    diagnosis = verbs.diagnose(fit, record())
+    show(diagnosis)
+    yield model_file.dumps(results_json.content(diagnosis))
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
@@ -227,16 +227,16 @@ def frozen(fit: ac.Fit) -> Iterator[str]:
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    seen = verbs.compare([fit, fit], record())
-    show_comparison(seen)
-    yield model_file.dumps(results_json.content(seen))
+    comparison = verbs.compare([fit, fit], record())
+    show_comparison(comparison)
+    yield model_file.dumps(results_json.content(comparison))
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
     """Formulas of a curve."""
-    found = verbs.formulas(fit, record(), "shape_of_velocity")
-    show_formulas(found)
-    yield model_file.dumps(results_json.content(found))
+    formulas = verbs.formulas(fit, record(), "shape_of_velocity")
+    show_formulas(formulas)
+    yield model_file.dumps(results_json.content(formulas))
 
 
 def reported(fit: ac.Fit) -> Iterator[str]:
@@ -269,19 +269,19 @@ def verdict(command: Callable[[ac.Fit], Iterator[str]], fit: ac.Fit) -> str:
         return wrong(error)
     texts.append(out.getvalue())
     for text in texts:
-        if found := NO_NUMBER.search(text):
-            return f"writes {found[0]!r}: …{text[max(0, found.start() - 80) : found.end() + 40]!r}"
-    if found := OBEYED.search(texts[-1]):
-        return f"prints {found[0]!r}"
+        if match := NO_NUMBER.search(text):
+            return f"writes {match[0]!r}: …{text[max(0, match.start() - 80) : match.end() + 40]!r}"
+    if match := OBEYED.search(texts[-1]):
+        return f"prints {match[0]!r}"
     return ""
 
 
 def wrong(error: Exception) -> str:
     """What is wrong with an error: it is not one that the product raised to say a sentence."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = frames[-1].filename.startswith(PACKAGE) and (frames[-1].line or "").lstrip().startswith("raise ")
+    ours = frames[-1].filename.startswith(PACKAGE) and (frames[-1].line or "").lstrip().startswith("raise ")
     text = str(error)
-    if isinstance(error, ValueError) and not isinstance(error, FOREIGN) and own and " " in text:
+    if isinstance(error, ValueError) and not isinstance(error, FOREIGN) and ours and " " in text:
         return f"says {text!r}" if OBEYED.search(text) else ""
     where = next((f for f in reversed(frames) if f.filename.startswith(PACKAGE)), frames[-1])
     return f"{type(error).__name__}: {text[:150]} at {where.filename.removeprefix(PACKAGE)}:{where.lineno} {where.line}"

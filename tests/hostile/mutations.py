@@ -259,10 +259,10 @@ def _mutated_sidecar(rng: Rng) -> bytes:
 
 
 def _replaced(rng: Rng, text: str, pattern: str, new: Callable[[str], str]) -> str:
-    found = list(re.finditer(pattern, text))
-    if not found:
+    listed = list(re.finditer(pattern, text))
+    if not listed:
         return text
-    match = _choice(rng, found)
+    match = _choice(rng, listed)
     return text[: match.start()] + new(match[0]) + text[match.end() :]
 
 
@@ -371,9 +371,11 @@ def _parquet(path: Path, vectors: Vectors, rng: Rng) -> None:
     from pyarrow import parquet
 
     units = _unit_attributes(rng, vectors)
-    kept = {name: y for name, y in vectors.items() if y.ndim == 1 and y.dtype.kind != "c"}
-    n = min(map(len, kept.values()), default=0)
-    arrays = {name: pa.array(y[:n], mask=rng.uniform(size=n) < _choice(rng, (0.0, 0.3))) for name, y in kept.items()}
+    remaining = {name: y for name, y in vectors.items() if y.ndim == 1 and y.dtype.kind != "c"}
+    n = min(map(len, remaining.values()), default=0)
+    arrays = {
+        name: pa.array(y[:n], mask=rng.uniform(size=n) < _choice(rng, (0.0, 0.3))) for name, y in remaining.items()
+    }
     if rng.uniform() < 0.2:
         arrays["t_s"] = pa.array((np.arange(n) * 1000).astype("int64")).cast(
             pa.timestamp(_choice(rng, ("s", "us", "ns")))
@@ -435,18 +437,18 @@ def _hdf5(userblock: int) -> Callable[[Path, Vectors, Rng], None]:
 def _recorded(write: Callable[..., None]) -> Callable[[Path, Vectors, Rng], None]:
     """By the writer of another logger: what its library accepts of the vectors, called as a reader finds it."""
 
-    def made(path: Path, vectors: Vectors, rng: Rng) -> None:
-        kept = {
+    def write_file(path: Path, vectors: Vectors, rng: Rng) -> None:
+        remaining = {
             naming.take_apart(name).base: y.astype(np.float64)
             for name, y in vectors.items()
             if name != "t_s" and y.ndim == 1 and y.dtype.kind in "fiu" and len(y) > 3
         }
         units = {"accel": "g", "position": "mm", "temp": "degC"} if rng.uniform() < 0.7 else {}
-        units |= {name: _choice(rng, UNITS).replace("\x00", "")[:20] for name in kept if rng.uniform() < 0.1}
+        units |= {name: _choice(rng, UNITS).replace("\x00", "")[:20] for name in remaining if rng.uniform() < 0.1}
         with np.errstate(all="ignore"):
             write(
                 path,
-                kept if len(kept) > 1 else {"accel": np.arange(9.0), "x": np.arange(9.0)},
+                remaining if len(remaining) > 1 else {"accel": np.arange(9.0), "x": np.arange(9.0)},
                 units,
                 float(_choice(rng, (0.01, 0.01, 1e-9, 1e3))),
             )
@@ -456,7 +458,7 @@ def _recorded(write: Callable[..., None]) -> Callable[[Path, Vectors, Rng], None
             lines = [f'{name} = {{ column = "{named(suffix, name)}" }}' for name in declared]
             path.with_suffix(".toml").write_text("\n".join(["[channels]", *lines]))
 
-    return made
+    return write_file
 
 
 CONTAINERS: dict[str, Callable[[Path, Vectors, Rng], None]] = {
@@ -533,8 +535,8 @@ _BYTE_MUTATIONS = (_flip, _flip, _bit, _bit, _cut, _repeat, _exchange, _integer,
 
 def zip_of(members: Mapping[str, bytes]) -> bytes:
     """A compressed zip archive."""
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
-    return made.getvalue()
+    return buffer.getvalue()

@@ -79,7 +79,7 @@ def simulated(section: str) -> Record:
     with tempfile.TemporaryDirectory() as folder:
         if section in ("attitude", "outputs"):
             triad = Triad(3, seconds=SECONDS, rate=100.0)
-            return read(triad.write(Path(folder)), triad.known())
+            return read(triad.write(Path(folder)), triad.true_values())
         if section == "angle":
             rig = arms.Rigged(seconds=SECONDS, rate=200.0)
             arms.record(rig, Path(folder))
@@ -185,11 +185,11 @@ def lines(old: str, new: str) -> Change:
     return lambda record, _: record.lines(old, new)
 
 
-def swapped(one: str, other: str) -> Change:
+def swapped(text: str, other: str) -> Change:
     """Two columns in each other's place, under their old names."""
 
     def act(record: Record, _: Rng) -> None:
-        record.columns[one], record.columns[other] = record.columns[other], record.columns[one]
+        record.columns[text], record.columns[other] = record.columns[other], record.columns[text]
 
     return act
 

@@ -94,16 +94,16 @@ def read(path: Path, everything: bool) -> str:
     AssertionError
         If something that is no recording was accepted, or a refusal does not name the file.
     """
-    said = ""
+    text = ""
     try:
         if everything:
             io.template(path)
         contents = io.load_declared(path)[0]
     except RecordingError as error:
-        said = str(error)
-    if said:
-        assert str(path.parent) in said or "/dev/zero" in said, f"a refusal without its file: {said}"
-        assert len(said) < 20_000, f"a refusal of {len(said)} characters"
+        text = str(error)
+    if text:
+        assert str(path.parent) in text or "/dev/zero" in text, f"a refusal without its file: {text}"
+        assert len(text) < 20_000, f"a refusal of {len(text)} characters"
     elif isinstance(contents, Recording):
         require_recording(contents)
         summarise(contents)
@@ -112,7 +112,7 @@ def read(path: Path, everything: bool) -> str:
         assert all(np.isfinite(y).all() for y in (contents.angle, contents.mean, contents.std, contents.duration)), (
             "dwells"
         )
-    return said
+    return text
 
 
 def require_recording(recording: Recording) -> None:
@@ -135,7 +135,7 @@ def misbehave(section: str) -> None:
         bytes(3 * MEMORY)
 
 
-def made(section: str, number: int, folder: Path) -> Path | None:
+def case_file(section: str, number: int, folder: Path) -> Path | None:
     """The file of a case; None where a mutation has made it larger than memory."""
     try:
         return case_files(section, number, folder)
@@ -154,7 +154,7 @@ def answer(section: str, number: int) -> dict[str, Any]:
         path: Path | None = None
         try:
             misbehave(section)
-            path = made(section, number, Path(folder))
+            path = case_file(section, number, Path(folder))
             text = "" if path is None else read(path, number % 5 == 0)
             outcome = "large" if path is None else "refused" if text else "read"
         except MemoryError as error:
@@ -207,8 +207,8 @@ class Worker:
         stdin.flush()
         line = stdout.readline()
         if line:
-            found: dict[str, Any] = json.loads(line)
-            return found
+            result: dict[str, Any] = json.loads(line)
+            return result
         code = self._process.wait()
         self.deaths += 1
         self._process = self._start()
@@ -224,12 +224,12 @@ def campaign(worker: Worker, section: str, numbers: range) -> tuple[Counter[str]
     counts, failures, begin = Counter[str](), [], time.monotonic()
     slowest = 0.0
     for done, number in enumerate(numbers, start=1):
-        found = worker.run(section, number)
-        counts[found["outcome"]] += 1
-        slowest = max(slowest, found["seconds"])
-        if found["outcome"] in ("failed", "died"):
-            failures.append(found)
-            print(f"{section} {number}: {found['outcome']}: {found['text']}", flush=True)
+        outcome = worker.run(section, number)
+        counts[outcome["outcome"]] += 1
+        slowest = max(slowest, outcome["seconds"])
+        if outcome["outcome"] in ("failed", "died"):
+            failures.append(outcome)
+            print(f"{section} {number}: {outcome['outcome']}: {outcome['text']}", flush=True)
         if done % 1000 == 0 or done == len(numbers):
             hours = (time.monotonic() - begin) / 3600.0
             print(f"{section} to {number}: {dict(counts)}, slowest {slowest:.2f} s, {hours:.3f} h", flush=True)

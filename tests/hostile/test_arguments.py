@@ -46,9 +46,11 @@ FEW = 2
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     here = tmp_path_factory.mktemp("runs")
-    made = ac.simulate("tones", seconds=6.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
-    write_recording(made.recording, here / "run.csv")
-    model_file.save(estimate(ac.Model.linear(), made.recording), here / "m.json")
+    simulation = ac.simulate(
+        "tones", seconds=6.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+    )
+    write_recording(simulation.recording, here / "run.csv")
+    model_file.save(estimate(ac.Model.linear(), simulation.recording), here / "m.json")
     return here
 
 
@@ -115,7 +117,7 @@ def test_absurd_numbers_end_in_one_sentence(folder, tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"seconds": 1e6}, "at most 20000000 are simulated"),
         ({"accel_rate": 1e9}, "at most 20000000 are simulated"),
@@ -131,7 +133,7 @@ def test_absurd_numbers_end_in_one_sentence(folder, tmp_path, monkeypatch, capsy
     ],
     ids=str,
 )
-def test_a_simulation_beyond_its_limits_is_refused(settings, said):
+def test_a_simulation_beyond_its_limits_is_refused(settings, message):
     given = {
         "seconds": 2.0,
         "rig": ADXL105_RIG,
@@ -140,7 +142,7 @@ def test_a_simulation_beyond_its_limits_is_refused(settings, said):
     } | settings
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # the sentence comes alone
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             ac.simulate("tones", **given)
 
 
@@ -154,15 +156,15 @@ def piped(words: list[str], folder: Path, reader: str) -> tuple[int, str]:
     if reader == "head":
         child.stdout.read(1)
     child.stdout.close()
-    said = child.stderr.read().decode()
-    return child.wait(timeout=300), said
+    message = child.stderr.read().decode()
+    return child.wait(timeout=300), message
 
 
 @pytest.mark.parametrize("reader", ["true", "head"])
 @pytest.mark.parametrize("words", [["effects"], ["check", "run.csv", "--json"], ["--help"]], ids=" ".join)
 def test_a_pipe_that_nobody_reads_ends_in_silence(folder, words, reader):
-    code, said = piped(words, folder, reader)
-    assert said == ""
+    code, message = piped(words, folder, reader)
+    assert message == ""
     assert code in ((141,) if reader == "true" else (141, 0))  # what fits into the pipe was written before it closed
 
 
@@ -241,15 +243,15 @@ def test_a_file_whose_name_is_not_utf8_is_fitted_and_refused_by_a_fleet(folder, 
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, env=environment, timeout=300)
         return done.returncode, done.stdout.decode(), done.stderr.decode()
 
-    code, _, said = run("fit", place.name, "-o", "m.json")
-    assert code == 0, said
+    code, _, message = run("fit", place.name, "-o", "m.json")
+    assert code == 0, message
     assert json.loads((tmp_path / "m.json").read_text())["runs"][0]["name"] == "\\udcff\\udcfe.csv"
     assert run("compare", "m.json", place.name, "--json")[0] == 0
     assert run("report", "m.json", place.name, "-o", "r.html")[0] == 0
     assert "\\udcff\\udcfe.csv" in (tmp_path / "r.html").read_text(encoding="utf-8")
-    code, _, said = run("fleet", ".", "--store", "f.sqlite")
+    code, _, message = run("fleet", ".", "--store", "f.sqlite")
     assert code == 3
-    assert "this name is not UTF-8" in said
+    assert "this name is not UTF-8" in message
     place.rename(tmp_path / "run.csv")  # the twin
     shutil.copy(folder / "run.toml", tmp_path / "run.toml")
     assert run("fleet", ".", "--store", "g.sqlite")[0] == 0

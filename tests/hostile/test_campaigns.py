@@ -55,35 +55,35 @@ def test_kills_one_after_another_lose_nothing(tmp_path: Path, reference: str, mo
     kills = 0
     for number in cases(1, 12):
         store, calls = tmp_path / f"{number}.sqlite", tmp_path / f"{number}.calls"
-        after, kept = 0, dict[str, int]()
+        after, remaining = 0, dict[str, int]()
         for step in case_rng("campaigns", number).integers(20, RUNS // 3, 2):
             after += int(step)
             killed(store, calls, runs=RUNS, seconds=SECONDS, after=after)
             kills, times, stored = kills + 1, counted(calls), campaign.load(store).items
-            assert {item: times[item] for item in kept} == kept
-            kept, after = {item: times[item] for item in stored}, len(stored)
+            assert {item: times[item] for item in remaining} == remaining
+            remaining, after = {item: times[item] for item in stored}, len(stored)
         monkeypatch.setenv(CALLS, str(calls))
-        assert whole(store) == campaign.Count(computed=RUNS - len(kept), kept=len(kept), failed=0)
+        assert whole(store) == campaign.Count(computed=RUNS - len(remaining), stored=len(remaining), failed=0)
         monkeypatch.delenv(CALLS)
         assert contents(store) == reference
-        assert {item: counted(calls)[item] for item in kept} == kept
+        assert {item: counted(calls)[item] for item in remaining} == remaining
     print(f"{kills} kills of campaigns of {RUNS} runs: 0 lost, 0 stored ones computed again (none allowed)")
 
 
 def test_two_processes_on_one_file_refuse_in_a_sentence_and_spoil_nothing(tmp_path: Path, reference: str) -> None:
     """The second process runs to its end between two transactions of the first."""
-    store, said = tmp_path / "c.sqlite", []
+    store, message = tmp_path / "c.sqlite", []
 
     def meanwhile(done: int, total: int) -> None:
         assert 0 < done < total
         process = child(store)
-        said.append(process.communicate(timeout=600)[1].strip())
-        assert process.returncode == 0, said
+        message.append(process.communicate(timeout=600)[1].strip())
+        assert process.returncode == 0, message
 
     with pytest.raises(CampaignError, match="another process has written run"):
         campaign.run(w2, campaign.seeds(SEED, RUNS), store=store, parameters={"seconds": SECONDS}, progress=meanwhile)
-    assert said == [""]
-    assert whole(store) == campaign.Count(computed=0, kept=RUNS, failed=0)
+    assert message == [""]
+    assert whole(store) == campaign.Count(computed=0, stored=RUNS, failed=0)
     assert contents(store) == reference
 
 

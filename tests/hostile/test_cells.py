@@ -47,13 +47,13 @@ def sentence(path: Path, text: str) -> str:
 @pytest.mark.parametrize("column", range(3), ids=COLUMNS)
 def test_what_is_no_number_is_refused_by_row_and_column(tmp_path: Path, column: int) -> None:
     path, name = tmp_path / "run.csv", list(COLUMNS)[column]
-    said = {cell: sentence(path, table(changed(column, cell))) for cell in NO_NUMBERS}
+    messages = {cell: sentence(path, table(changed(column, cell))) for cell in NO_NUMBERS}
     wrong = {
         cell: text
-        for cell, text in said.items()
+        for cell, text in messages.items()
         if not text.startswith(f'{path}: row {AT + 2}, column "{name}": found "{cell}", expected a number; ')
     }
-    print(f"{len(said)} cells in {name}: {len(wrong)} without row and column (threshold 0)")
+    print(f"{len(messages)} cells in {name}: {len(wrong)} without row and column (threshold 0)")
     assert not wrong
 
 
@@ -61,9 +61,9 @@ def test_what_is_no_number_is_refused_by_row_and_column(tmp_path: Path, column: 
 def test_what_is_not_finite_is_refused_by_row_and_channel(tmp_path: Path, column: int) -> None:
     path, channel = tmp_path / "run.csv", list(COLUMNS.values())[column]
     for cell in NOT_FINITE:
-        said = sentence(path, table(changed(column, cell)))
-        assert said.startswith(f"{path}: {channel}: 1 sample is not finite (first at "), cell
-        assert f"row {AT + 2})" in said, cell
+        message = sentence(path, table(changed(column, cell)))
+        assert message.startswith(f"{path}: {channel}: 1 sample is not finite (first at "), cell
+        assert f"row {AT + 2})" in message, cell
 
 
 @pytest.mark.parametrize("column", range(3), ids=COLUMNS)
@@ -71,16 +71,16 @@ def test_a_decimal_comma_among_points_is_refused_by_its_row(tmp_path: Path, colu
     path = tmp_path / "run.csv"
     assert f"row {AT + 2} has 4 cells where the rows before have 3" in sentence(path, table(changed(column, "1,5")))
     name = list(COLUMNS)[column]
-    found = sentence(path, table(changed(column, "1,5"), ";"))
-    assert f'row {AT + 2}, column "{name}": found "1,5", expected a number' in found
+    message = sentence(path, table(changed(column, "1,5"), ";"))
+    assert f'row {AT + 2}, column "{name}": found "1,5", expected a number' in message
 
 
 @pytest.mark.parametrize("cell", ["1.5", "1.234,5", "1 234,5"])
 def test_a_point_among_decimal_commas_is_refused_by_row_and_column(tmp_path: Path, cell: str) -> None:
     rows = [[part.replace(".", ",") for part in row] for row in ROWS]
     rows[AT][1] = cell
-    said = sentence(tmp_path / "run.csv", table(rows, ";"))
-    assert f'row {AT + 2}, column "accel_g": found "{cell}", expected a number' in said
+    message = sentence(tmp_path / "run.csv", table(rows, ";"))
+    assert f'row {AT + 2}, column "accel_g": found "{cell}", expected a number' in message
 
 
 def test_a_table_of_decimal_commas_has_the_numbers_of_points(tmp_path: Path) -> None:
@@ -94,9 +94,9 @@ def test_stamps_in_other_digits_are_refused_by_row_and_column(tmp_path: Path) ->
     stamps = [f"2024-05-01T00:00:{k / 10:04.1f}" for k in range(60)]
     rows = [[stamp, *row[1:]] for stamp, row in zip(stamps, ROWS, strict=True)]
     rows[AT][0] = rows[AT][0].replace("2024", "２０２４")
-    said = sentence(tmp_path / "run.csv", table(rows))
-    assert f'row {AT + 2}, column "t_s": found "２０２４-' in said
-    assert "expected an ISO 8601 date and time" in said
+    message = sentence(tmp_path / "run.csv", table(rows))
+    assert f'row {AT + 2}, column "t_s": found "２０２４-' in message
+    assert "expected an ISO 8601 date and time" in message
 
 
 def test_a_whole_table_in_other_digits_has_no_rows_of_numbers(tmp_path: Path) -> None:

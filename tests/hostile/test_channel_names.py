@@ -43,10 +43,10 @@ def test_a_column_with_characters_that_are_not_shown_is_no_channel(tmp_path: Pat
     )
     with pytest.raises(RecordingError, match=r"cannot be a channel: its name .* holds characters") as caught:
         io.load(path)
-    said = str(caught.value)
-    assert str(path) in said
-    assert columns[-1] in said
-    assert said.isprintable()
+    message = str(caught.value)
+    assert str(path) in message
+    assert columns[-1] in message
+    assert message.isprintable()
 
 
 def test_a_name_of_a_container_is_refused_or_fits_into_a_model(tmp_path: Path) -> None:

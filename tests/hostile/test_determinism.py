@@ -48,17 +48,17 @@ def outputs(folder: Path, words: Sequence[str], threads: str = "1", seed: str = 
         check=False,
     )
     assert done.returncode == 0, done.stderr.decode()
-    made = folder / "made.json"
-    content = made.read_bytes()
-    made.unlink()
+    model = folder / "made.json"
+    content = model.read_bytes()
+    model.unlink()
     return content, done.stdout
 
 
 @pytest.mark.parametrize("name", COMMANDS if LONG else ("add", "diagnose"))
 def test_threads_hash_seeds_and_processes_give_the_same_bytes(inputs: Path, name: str) -> None:
-    found = [outputs(inputs, COMMANDS[name], *setting) for setting in SETTINGS]
-    print(f"{name}: {len(found)} processes, {len(set(found))} different answers (expected 1)")
-    assert len(set(found)) == 1
+    results = [outputs(inputs, COMMANDS[name], *setting) for setting in SETTINGS]
+    print(f"{name}: {len(results)} processes, {len(set(results))} different answers (expected 1)")
+    assert len(set(results)) == 1
 
 
 def test_another_recording_gives_other_bytes(inputs: Path) -> None:
@@ -68,9 +68,11 @@ def test_another_recording_gives_other_bytes(inputs: Path) -> None:
 
 def estimates(content: bytes) -> dict[tuple[str, str], tuple[float, float]]:
     """Value and standard deviation of each parameter, by its name and the recording that it belongs to."""
-    made = json.loads(content)
-    files = [run["name"] for run in made["runs"]]
-    return {(p["name"], "" if p["run"] is None else files[p["run"]]): (p["value"], p["std"]) for p in made["estimates"]}
+    answer = json.loads(content)
+    files = [run["name"] for run in answer["runs"]]
+    return {
+        (p["name"], "" if p["run"] is None else files[p["run"]]): (p["value"], p["std"]) for p in answer["estimates"]
+    }
 
 
 def test_the_order_of_recordings_changes_no_estimate(inputs: Path) -> None:

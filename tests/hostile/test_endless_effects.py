@@ -62,23 +62,23 @@ def test_ctrl_c_ends_an_effect_that_never_returns(tmp_path: Path, body: str) -> 
     child = begun(tmp_path, body)
     below = descendants(child.pid)
     child.send_signal(signal.SIGINT)
-    _, said = child.communicate(timeout=60)
+    _, message = child.communicate(timeout=60)
     assert child.returncode == 130
-    assert said == "accelcal: interrupted; no file was left half-written\n"
+    assert message == "accelcal: interrupted; no file was left half-written\n"
     assert all(has_ended(pid) for pid in below)
 
 
 def test_an_effect_that_is_terminated_or_crashes_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
     child = begun(tmp_path, ENDLESS["catches"])
     child.terminate()
-    _, said = child.communicate(timeout=60)
-    assert (child.returncode, said) == (143, "accelcal: terminated; no file was left half-written\n")
+    _, message = child.communicate(timeout=60)
+    assert (child.returncode, message) == (143, "accelcal: terminated; no file was left half-written\n")
     (tmp_path / "own.note").unlink()
     child = begun(tmp_path, "    import os\n    os.kill(os.getpid(), 11)\n")
-    _, said = child.communicate(timeout=60)
+    _, message = child.communicate(timeout=60)
     assert child.returncode == 128 + signal.SIGSEGV
-    assert said.startswith("accelcal: ended by the signal SIGSEGV while effects of your own were in use")
-    assert said.count("\n") == 1
+    assert message.startswith("accelcal: ended by the signal SIGSEGV while effects of your own were in use")
+    assert message.count("\n") == 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system ends children of a killed parent on Linux alone")
@@ -91,13 +91,13 @@ def test_nothing_goes_on_behind_a_command_that_was_killed(tmp_path: Path) -> Non
     assert all(has_ended(pid) for pid in below)
 
 
-@pytest.mark.parametrize("seen", [False, True], ids=["at once", "when its end was just seen"])
-def test_a_signal_at_the_edges_of_the_wait_ends_the_child(seen: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("ended_before", [False, True], ids=["at once", "when its end was just seen"])
+def test_a_signal_at_the_edges_of_the_wait_ends_the_child(ended_before: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    child = subprocess.Popen([sys.executable, "-c", "" if seen else "import time; time.sleep(600)"])
+    child = subprocess.Popen([sys.executable, "-c", "" if ended_before else "import time; time.sleep(600)"])
 
     def let_come() -> None:
-        if seen:
+        if ended_before:
             child.wait(timeout=60)
         raise stopping.Stopped(signal.SIGTERM)
 

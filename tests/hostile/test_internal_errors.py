@@ -68,8 +68,10 @@ def raising(kind: str) -> Callable[..., object]:
 def here(tmp_path, monkeypatch):
     (tmp_path / "reports").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "reports"))
-    made = ac.simulate("tones", seconds=5.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
-    write_recording(made.recording, tmp_path / "run.csv")
+    simulation = ac.simulate(
+        "tones", seconds=5.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+    )
+    write_recording(simulation.recording, tmp_path / "run.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -126,9 +128,9 @@ def test_a_report_that_finds_no_memory_either_costs_no_sentence(monkeypatch, sho
     monkeypatch.setattr(errors, "_report", without_memory)
     monkeypatch.delitem(sys.modules, "accelcal._core")
     monkeypatch.setitem(sys.modules, "accelcal._core", None)  # importing it fails
-    said = errors.sentence(short)
-    assert "it asked for more memory than there is" in said
-    assert said.endswith("no folder accepts a report of it")
+    message = errors.sentence(short)
+    assert "it asked for more memory than there is" in message
+    assert message.endswith("no folder accepts a report of it")
     assert "memory" not in errors.sentence(ImportError("no module"))  # the twin
 
 
@@ -194,8 +196,8 @@ def test_an_effect_of_the_user_that_fails_is_named_by_its_line(here, monkeypatch
     exec(compile(effect.read_text(), "own.py", "exec"), names)
     monkeypatch.setattr(quality, "summarise", names["f"])
     assert ended("check", "run.csv") == 3
-    said = capsys.readouterr().err
-    assert said == "accelcal: own.py, line 2: ZeroDivisionError: integer division or modulo by zero; change this line\n"
+    err = capsys.readouterr().err
+    assert err == "accelcal: own.py, line 2: ZeroDivisionError: integer division or modulo by zero; change this line\n"
     assert not list((here / "reports").iterdir())
 
 

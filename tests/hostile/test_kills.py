@@ -57,10 +57,10 @@ def inputs(tmp_path_factory):
 @pytest.fixture(scope="module")
 def references(inputs, tmp_path_factory):
     """By command: moments at which it touches files, the time it takes, and its outputs; each is run when asked for."""
-    known: dict[str, tuple[int, float, dict[str, bytes]]] = {}
+    results: dict[str, tuple[int, float, dict[str, bytes]]] = {}
 
     def find(name: str) -> tuple[int, float, dict[str, bytes]]:
-        if name not in known:
+        if name not in results:
             folder = tmp_path_factory.mktemp(name) / "w"
             shutil.copytree(inputs, folder)
             began = time.monotonic()
@@ -68,16 +68,16 @@ def references(inputs, tmp_path_factory):
             assert done.returncode == 0, done.stderr
             lasted = time.monotonic() - began
             outputs = {output: (folder / output).read_bytes() for output in WRITERS[name].outputs}
-            known[name] = int(done.stderr.split()[-1]), lasted, outputs
-        return known[name]
+            results[name] = int(done.stderr.split()[-1]), lasted, outputs
+        return results[name]
 
     return find
 
 
 def absolute(name: str, folder: Path) -> list[str]:
     """Arguments of a command with whole paths of what it makes, by which the driver knows it."""
-    made = {*WRITERS[name].outputs, "plots", "demo", "figures", "bare.csv"}
-    return [str(folder / word) if word in made and word != name else word for word in WRITERS[name].arguments]
+    outputs = {*WRITERS[name].outputs, "plots", "demo", "figures", "bare.csv"}
+    return [str(folder / word) if word in outputs and word != name else word for word in WRITERS[name].arguments]
 
 
 def files(folder: Path) -> set[str]:
@@ -86,7 +86,7 @@ def files(folder: Path) -> set[str]:
 
 def test_every_command_that_writes_is_among_them() -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    writing = {name for name, each in commands.items() if WRITING_OPTIONS & {option.name for option in each.params}}
+    writing = {name for name, item in commands.items() if WRITING_OPTIONS & {option.name for option in item.params}}
     assert writing | {"init"} == set(WRITERS)
 
 
@@ -115,12 +115,12 @@ def test_a_kill_leaves_old_or_new_and_nothing_else(number, inputs, references, t
     if not exactly:
         time.sleep(rng.uniform(0.1, lasted))
         child.send_signal(sent)
-    _, said = child.communicate(timeout=600)
-    where = f"case {number}: {name}, {sent.name}, {at}, exit code {child.returncode}\n{said}"
+    _, message = child.communicate(timeout=600)
+    where = f"case {number}: {name}, {sent.name}, {at}, exit code {child.returncode}\n{message}"
     assert child.returncode in ((-sent, 128 + sent) if exactly else (0, -sent, 128 + sent)), where
-    began = "interrupted;" in said or "terminated;" in said or child.returncode == 0 or sent == signal.SIGKILL
+    began = "interrupted;" in message or "terminated;" in message or child.returncode == 0 or sent == signal.SIGKILL
     if began:  # a signal before the first line of the package is Python's own
-        assert "Traceback" not in said, where
+        assert "Traceback" not in message, where
     states = {}
     for output, reference in outputs.items():
         path = folder / output
@@ -176,11 +176,11 @@ def test_an_interrupt_at_a_random_time_is_one_sentence(number, inputs):
     )
     time.sleep(rng.uniform(0.0, 3.0))
     child.send_signal(signal.SIGINT)
-    _, said = child.communicate(timeout=600)
-    assert child.returncode in (0, 130, -signal.SIGINT), said
+    _, message = child.communicate(timeout=600)
+    assert child.returncode in (0, 130, -signal.SIGINT), message
     # Before the first line of the package an interrupt is Python's own, which may print a traceback of its start.
-    assert "python/accelcal/" not in said, said
-    print(f"{'Python itself was interrupted' if 'Traceback' in said else 'silent or one sentence'}")
+    assert "python/accelcal/" not in message, message
+    print(f"{'Python itself was interrupted' if 'Traceback' in message else 'silent or one sentence'}")
 
 
 def test_the_judge_sees_a_half_written_file(tmp_path):

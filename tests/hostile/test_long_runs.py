@@ -76,10 +76,10 @@ def faults(filter: FixedRateFilter, variances: np.ndarray, lopsided: float = 0.0
         return ["not finite"]
     sigma = np.sqrt(np.abs(np.diag(P)))
     apart = float(np.max(np.abs(P - P.T) / np.outer(sigma, sigma)))
-    found = [] if apart <= lopsided else [f"not symmetric, by {apart:.1e}"]
-    found += [] if np.all(variances > 0.0) else ["a variance that is not positive"]
+    result = [] if apart <= lopsided else [f"not symmetric, by {apart:.1e}"]
+    result += [] if np.all(variances > 0.0) else ["a variance that is not positive"]
     least = float(np.linalg.eigvalsh(P / np.outer(sigma, sigma))[0])
-    return found + ([] if least > -1e-12 else [f"a correlation matrix with the eigenvalue {least:.1e}"])
+    return result + ([] if least > -1e-12 else [f"a correlation matrix with the eigenvalue {least:.1e}"])
 
 
 @pytest.mark.parametrize("run", RUNS, ids=lambda run: run.name)
@@ -88,18 +88,18 @@ def test_a_long_run_keeps_a_covariance(run: Run) -> None:
     lopsided = ROUNDING if run.choice.carrier == "factored" else 0.0
     variances = np.empty((PART, len(run.choice.states())))
     steps = run.steps if LONG else FEW
-    found: list[str] = []
+    results: list[str] = []
     for number in range(steps // PART):
         filter.run(*part(number), variances=variances)
-        found += [f"step {filter.samples}: {fault}" for fault in faults(filter, variances, lopsided)]
-    print(f"{run.name}: {filter.samples} steps, {len(found)} faults (threshold 0)")
+        results += [f"step {filter.samples}: {fault}" for fault in faults(filter, variances, lopsided)]
+    print(f"{run.name}: {filter.samples} steps, {len(results)} faults (threshold 0)")
     assert filter.samples == steps
-    assert not found, found[:5]
+    assert not results, results[:5]
 
 
 def test_ud_factors_stay_with_the_dense_covariance() -> None:
     choice = replace(WORKLOADS["W2"], integrator="exact")
-    dense, ud = (LiveFilter(each, **settings(choice)) for each in (choice, factored(choice)))
+    dense, ud = (LiveFilter(item, **settings(choice)) for item in (choice, factored(choice)))
     steps, worst = 300_000 if LONG else 30_000, 0.0
     for number in range(steps // 10_000):
         u, z = part(number, 10_000)
@@ -116,7 +116,7 @@ def test_ud_factors_stay_with_the_dense_covariance() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "text"),
     [
         (lambda P, v: P.__setitem__((0, 1), 2.0 * P[0, 1]), "not symmetric"),
         (lambda P, v: v.__setitem__((1, 1), 0.0), "a variance that is not positive"),
@@ -124,7 +124,7 @@ def test_ud_factors_stay_with_the_dense_covariance() -> None:
         (lambda P, v: P.__setitem__(slice(None), P - 2.0 * np.diag(np.diag(P))), "a correlation matrix"),
     ],
 )
-def test_every_fault_is_seen(spoil: Any, said: str) -> None:
+def test_every_fault_is_seen(spoil: Any, text: str) -> None:
     filter = filters.fixed_rate(WORKLOADS["W2"], dt=DT, **settings(WORKLOADS["W2"]))
     u, z = part(0, 500)
     variances = np.empty((500, 6))
@@ -135,4 +135,4 @@ def test_every_fault_is_seen(spoil: Any, said: str) -> None:
         covariance, x = filter.covariance.copy(), filter.x
 
     spoil(Spoilt.covariance, variances)
-    assert said in " ".join(faults(Spoilt(), variances))  # type: ignore[arg-type]
+    assert text in " ".join(faults(Spoilt(), variances))  # type: ignore[arg-type]

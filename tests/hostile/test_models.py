@@ -47,9 +47,9 @@ def loaded(path: Path, text: str) -> tuple[ac.Fit | None, str]:
     try:
         return model_file.load(path), ""
     except ModelFileError as error:
-        said = str(error)
-        told = said.startswith(f"{path}: ") and not OBEYED.search(said) and len(said) < 2000
-        return None, "" if told else f"says {said[:300]!r}"
+        message = str(error)
+        pages = message.startswith(f"{path}: ") and not OBEYED.search(message) and len(message) < 2000
+        return None, "" if pages else f"says {message[:300]!r}"
     except Exception as error:
         return None, wrong(error) or f"not an error of a model file: {error!r}"
 
@@ -64,13 +64,13 @@ def commands_for(accepted: int) -> list[str]:
 
 
 def test_mutated_model_files_end_in_a_sentence_or_in_finite_outputs(tmp_path):
-    numbers, found = cases(SLICE, 10_000), Counter[str]()
+    numbers, result = cases(SLICE, 10_000), Counter[str]()
     began, accepted, dear, met = time.process_time(), 0, 0, set[str]()
     for number in numbers:
         rng = case_rng(SECTION, number)
-        fit, told = loaded(tmp_path / "m.json", mutated(bases()[number % len(bases())], rng))
-        if told:
-            found[f"case {number}: {told}"] += 1
+        fit, message = loaded(tmp_path / "m.json", mutated(bases()[number % len(bases())], rng))
+        if message:
+            result[f"case {number}: {message}"] += 1
         if fit is None:
             continue
         accepted += 1
@@ -78,14 +78,14 @@ def test_mutated_model_files_end_in_a_sentence_or_in_finite_outputs(tmp_path):
         dear += len(chosen)
         met |= {*chosen}
         for name in (*CHEAP, *chosen):
-            if told := verdict((CHEAP | DEAR)[name], fit):
-                found[f"case {number}, {name}: {told}"] += 1
+            if message := verdict((CHEAP | DEAR)[name], fit):
+                result[f"case {number}, {name}: {message}"] += 1
     seconds = time.process_time() - began
     print(
         f"model files: {len(numbers)} mutated, {accepted} accepted and exported, applied, printed; {dear} commands on "
-        f"a record; {len(found)} wrong (threshold 0); {seconds:.0f} s of processor time"
+        f"a record; {len(result)} wrong (threshold 0); {seconds:.0f} s of processor time"
     )
-    assert not found, "\n".join(found)
+    assert not result, "\n".join(result)
     assert accepted > len(numbers) // 50
     assert met == set(DEAR) or len(numbers) < SLICE  # a run that is resumed near its end meets only some
 
@@ -180,9 +180,9 @@ def test_a_leaf_that_no_fit_has_is_refused_by_its_path(tmp_path, number):
     for value in values:
         content = copy.deepcopy(bases()[0])
         put(content, at, value)
-        fit, told = loaded(tmp_path / "m.json", json.dumps(content))
+        fit, message = loaded(tmp_path / "m.json", json.dumps(content))
         assert fit is None, f"{at} = {value!r} is accepted"
-        assert not told
+        assert not message
         with pytest.raises(ModelFileError) as caught:
             model_file.load(tmp_path / "m.json")
         assert named in str(caught.value), f"{at} = {value!r}: {caught.value}"
@@ -223,12 +223,12 @@ TEXTS_OF_FILES: dict[str, tuple[Callable[[], str], str]] = {
 
 @pytest.mark.parametrize("kind", TEXTS_OF_FILES)
 def test_what_is_no_strict_json_is_said(tmp_path, kind):
-    make, said = TEXTS_OF_FILES[kind]
-    fit, told = loaded(tmp_path / "m.json", make())
-    assert (fit, told) == (None, "")
+    make, message = TEXTS_OF_FILES[kind]
+    fit, pages = loaded(tmp_path / "m.json", make())
+    assert (fit, pages) == (None, "")
     with pytest.raises(ModelFileError) as caught:
         model_file.load(tmp_path / "m.json")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_what_is_no_file_is_said(tmp_path, monkeypatch):
@@ -239,7 +239,7 @@ def test_what_is_no_file_is_said(tmp_path, monkeypatch):
     (tmp_path / "wide.json").write_bytes(whole().encode("utf-16"))
     with (tmp_path / "large.json").open("wb") as file:
         file.truncate(2**26 + 1)
-    for name, said in (
+    for name, message in (
         ("fifo.json", "this is a pipe"),
         ("", "this is a directory"),
         ("absent.json", "no such file"),
@@ -249,7 +249,7 @@ def test_what_is_no_file_is_said(tmp_path, monkeypatch):
         ("a\0b", "cannot be read"),
         ("x" * 5000, "cannot be read"),
     ):
-        with pytest.raises(ModelFileError, match=said):
+        with pytest.raises(ModelFileError, match=message):
             model_file.load(f"{tmp_path}/{name}")
     with pytest.raises(ModelFileError, match="this is a device"):
         model_file.load("/dev/zero")
@@ -288,7 +288,7 @@ def test_a_covariance_that_none_is_is_refused_on_the_way_in_and_out(tmp_path, ki
 
     from accelcal.calibration.export import NotExportable, calibrate
 
-    make, said = COVARIANCES[kind]
+    make, message = COVARIANCES[kind]
     content = copy.deepcopy(bases()[0])
     std = np.array([p["std"] for p in content["estimates"]])
     P = make(len(std)) * np.outer(std, std)
@@ -296,7 +296,7 @@ def test_a_covariance_that_none_is_is_refused_on_the_way_in_and_out(tmp_path, ki
     (tmp_path / "m.json").write_text(json.dumps(content))
     with pytest.raises(ModelFileError) as caught:
         model_file.load(tmp_path / "m.json")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     if kind in ("negative", "correlation of 5", "correlation of -1", "correlation of -0.5"):
         with pytest.raises(NotExportable, match="not positive semi-definite"):
             calibrate(replace(model_file.from_dict(bases()[0]), covariance=P))
@@ -350,22 +350,22 @@ def test_processes_on_mutated_files_end_in_a_sentence(tmp_path):
     write_recording(rows, tmp_path / "run.csv")
     effects = tmp_path / "own.py"
     effects.write_text(CATALOGUE["own_drag"].text)
-    numbers, found = cases(4, 200), []
+    numbers, results = cases(4, 200), []
     for number in numbers:
         text = mutated(bases()[number % 3], case_rng("models as processes", number))
         (tmp_path / "m.json").write_bytes(text.encode("utf-8", "surrogatepass"))
         words = COMMANDS[number % len(COMMANDS)].split()
         done = accelcal(*words, "--effects-file", "own.py", cwd=tmp_path, text=False)
-        said = done.stdout.decode() + done.stderr.decode()
-        clean = not OBEYED.search(said) and "Traceback" not in said
+        message = done.stdout.decode() + done.stderr.decode()
+        clean = not OBEYED.search(message) and "Traceback" not in message
         if done.returncode not in (0, 3, 4) or not clean or (done.returncode and not done.stderr):
-            found.append(f"case {number}: {done.returncode} {said[-400:]!r}")
+            results.append(f"case {number}: {done.returncode} {message[-400:]!r}")
         written = [path for path in tmp_path.iterdir() if path.name in ("s.h", "s.rs", "d.xml")]
-        found += [f"case {number}: NaN in {path.name}" for path in written if NO_NUMBER.search(path.read_text())]
+        results += [f"case {number}: NaN in {path.name}" for path in written if NO_NUMBER.search(path.read_text())]
         for path in written:
             path.unlink()
-    print(f"model files as processes: {len(numbers)}, {len(found)} wrong (threshold 0)")
-    assert not found, "\n".join(found)
+    print(f"model files as processes: {len(numbers)}, {len(results)} wrong (threshold 0)")
+    assert not results, "\n".join(results)
 
 
 def test_a_negative_electrical_scale_has_positive_uncertainties():

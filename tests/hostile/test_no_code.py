@@ -103,9 +103,9 @@ def test_tables_and_sidecars_run_nothing(tmp_path: Path, mark: Path) -> None:
             ):
                 path.write_text(header + rows)
                 path.with_suffix(".toml").write_text(f"{key} = {json.dumps(piece)}\n")
-                said = sentence_of(lambda: io.load(path))
-                loaded += not said
-                assert not said or str(path.with_suffix("")) in said
+                message = sentence_of(lambda: io.load(path))
+                loaded += not message
+                assert not message or str(path.with_suffix("")) in message
     assert loaded > 0
     assert not mark.exists()
 

@@ -31,9 +31,9 @@ def older(name: str) -> dict[str, Any]:
 def test_a_file_of_schema_2_is_read_as_what_it_stood_for(name):
     enter_own_effect()
     content = older(name)
-    kept = copy.deepcopy(content)
+    remaining = copy.deepcopy(content)
     fit = model_file.from_dict(content)
-    assert content == kept  # a content is not changed by being read
+    assert content == remaining  # a content is not changed by being read
     for stored, estimate in zip(content["parameters"], fit.estimates, strict=True):
         assert (stored["name"], stored["value"], stored["std"]) == (estimate.name, estimate.value, estimate.std)
         assert fit.stands_for[estimate.name] == stored["stands_for"]
@@ -73,7 +73,7 @@ def test_a_damaged_file_of_schema_2_is_refused(damaged):
 def test_remarks_of_schema_3_have_codes():
     content = copy.deepcopy(bases()[0]) | {"schema": "accelcal/model/3", "tilt": 2.0}
     fit = model_file.from_dict(content | {"remarks": ["A tilt of 2 degrees rms", "run.csv: a note."]})
-    assert [(one.code, one.sentence) for one in fit.remarks] == [
+    assert [(remark.code, remark.sentence) for remark in fit.remarks] == [
         ("slow_residual", "A tilt of 2 degrees rms"),
         ("noted", "run.csv: a note"),
     ]
@@ -98,9 +98,9 @@ def test_a_newer_file_is_refused_with_what_to_do(key, value):
     content = copy.deepcopy(bases()[0]) | {key: value}
     with pytest.raises(ModelFileError) as caught:
         model_file.from_dict(content)
-    said = str(caught.value)
-    assert value in said
-    assert f'this is accelcal {__version__}, which reads "{MODEL_SCHEMA}" and older ones. Update accelcal, or' in said
+    text = str(caught.value)
+    assert value in text
+    assert f'this is accelcal {__version__}, which reads "{MODEL_SCHEMA}" and older ones. Update accelcal, or' in text
 
 
 def test_a_newer_patch_of_this_version_is_read():

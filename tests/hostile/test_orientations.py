@@ -134,7 +134,7 @@ def test_there_are_300_changes_and_a_slice_reaches_several_of_each_kind() -> Non
 
 
 @pytest.mark.parametrize(
-    ("result", "said"),
+    ("result", "text"),
     [
         (Answer("", 0, 10.0, "nothing"), "10.0 standard deviations"),
         (Answer("accelcal: Traceback", 1, 0.0, ""), "exit 1"),
@@ -145,10 +145,10 @@ def test_there_are_300_changes_and_a_slice_reaches_several_of_each_kind() -> Non
         (Answer("accelcal: run.csv: row 8, column q_w is wrong; correct it", 3, 0.0, ""), "row 7 of q_w"),
     ],
 )
-def test_a_planted_wrong_answer_is_noticed(result: Answer, said: str) -> None:
+def test_a_planted_wrong_answer_is_noticed(result: Answer, text: str) -> None:
     # The sister that must fail: each answer is wrong in one way.
     record = Record({"q_w": ["1"] * 9}, "", {}, {"q_w": [5]})
-    assert said in wrong(result, record, "q_w")
+    assert text in wrong(result, record, "q_w")
     assert not wrong(Answer("accelcal: run.csv: row 7, column q_w is wrong; correct it", 3, 0.0, ""), record, "q_w")
 
 

@@ -58,18 +58,18 @@ def refused(tmp_path):
         path.write_text(text)
         with pytest.raises(EffectsFileError) as caught:
             load_effects(path)
-        said = str(caught.value)
-        assert str(path) in said
-        assert "'own'" in said
-        assert "\n" not in said
+        message = str(caught.value)
+        assert str(path) in message
+        assert "'own'" in message
+        assert "\n" not in message
         assert before == CATALOGUE
-        return said
+        return message
 
     return run
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "message"),
     [
         ("    return np.where(s.p > 0, np.nan, s.a)", "not finite at"),
         ("    return 1.0 / np.maximum(s.v, 0.0)", "not finite"),
@@ -103,13 +103,13 @@ def refused(tmp_path):
         ("    return np.zeros(10**15)", "MemoryError"),
     ],
 )
-def test_an_effect_that_misbehaves_is_refused_by_name(refused, body, said):
+def test_an_effect_that_misbehaves_is_refused_by_name(refused, body, message):
     sentence = refused(HEAD + BODY + body + "\n")
-    assert said in sentence
+    assert message in sentence
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    ("declared", "message"),
     [
         (', shapes={"w": Shape("s", (float("nan"), 1.0))}', "has no bounds of w"),
         (', shapes={"w": Shape("s", (1.0, 0.0))}', "has no bounds of w"),
@@ -118,14 +118,14 @@ def test_an_effect_that_misbehaves_is_refused_by_name(refused, body, said):
         (', shapes={"w": Shape("s", lambda s: 1 / 0)}', "ZeroDivisionError"),
     ],
 )
-def test_a_shape_without_bounds_is_refused(refused, declared, said):
-    assert said in refused(HEAD + declared + ")\ndef own(s, w=1.0):\n    return s.a\n")
+def test_a_shape_without_bounds_is_refused(refused, declared, message):
+    assert message in refused(HEAD + declared + ")\ndef own(s, w=1.0):\n    return s.a\n")
 
 
 def test_an_effect_that_takes_far_too_long_is_refused_by_its_processor_time(refused):
     busy = "    import time\n    end = time.thread_time() + 0.5\n    while time.thread_time() < end:\n        pass\n"
-    said = refused(HEAD + BODY + busy + "    return s.a\n")
-    assert "of processor time at 64 times; 0.2 s are allowed" in said
+    message = refused(HEAD + BODY + busy + "    return s.a\n")
+    assert "of processor time at 64 times; 0.2 s are allowed" in message
     slow = "    for y in s.a:\n        sum(range(12_000))\n    return s.a\n"
     assert "of processor time at 8192 times" in refused(HEAD + BODY + slow)
 
@@ -135,36 +135,36 @@ def test_a_loop_over_samples_and_a_slow_first_call_are_let_pass(tmp_path):
     loop += "    while time.thread_time() < end:\n        pass\n    return np.array([y * y for y in s.a])\n"
     path = tmp_path / "mine.py"
     path.write_text(HEAD + BODY + loop + "first = 1\n")
-    (own,) = load_effects(path)
+    (effect,) = load_effects(path)
     s = probe(("supply",))
-    np.testing.assert_array_equal(own.column(s), s.a**2)
+    np.testing.assert_array_equal(effect.column(s), s.a**2)
 
 
 def test_what_fails_on_a_record_alone_is_refused_there_by_name(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(HEAD + BODY + "    return np.where(s.t > 2.0, np.inf, s.a)\n")
-    (own,) = load_effects(path)
+    (effect,) = load_effects(path)
     late = probe(("supply",))
     late = late.at(np.arange(64))
-    np.testing.assert_array_equal(own.column(late), late.a)
+    np.testing.assert_array_equal(effect.column(late), late.a)
     late.t[:] += 1.5
     with pytest.raises(EffectsFileError, match=r"mine\.py, line 3: effect 'own' returns values that are not finite at"):
-        own.column(late)
-    made = from_expression("late", "1/(t - 5)")
+        effect.column(late)
+    broken = from_expression("late", "1/(t - 5)")
     late.t[7] = 5.0
     with pytest.raises(
         EffectsFileError, match=r"effect 'late', 1 / \(t - 5\), returns values that are not finite at 1"
     ):
-        made.effect.column(late)
+        broken.effect.column(late)
 
 
 def test_signals_that_are_not_finite_are_no_fault_of_the_effect(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(HEAD + BODY + "    return s.a**2\n")
-    (own,) = load_effects(path)
+    (effect,) = load_effects(path)
     s = probe(("supply",))
     s.a[3] = np.nan
-    assert np.isnan(own.column(s)[3])
+    assert np.isnan(effect.column(s)[3])
 
 
 @pytest.mark.parametrize("name", ["bad name", "a.b", "x\x1b[2J", "", "1a", "é", "x" * 65])
@@ -218,10 +218,10 @@ def test_a_constant_part_that_is_not_finite_is_refused(text):
 
 @pytest.mark.parametrize("channel", [*sorted(RESERVED), "lambda", "two words", "x\x1b", "", "1st", "ﬁ", "a-b"])
 def test_a_channel_with_a_name_of_another_meaning_changes_nothing(tmp_path, channel):
-    own = from_expression("own_one", "a*t + sin(v)", channels=(channel, "supply"))
-    assert own.effect.needs == ()
+    effect = from_expression("own_one", "a*t + sin(v)", channels=(channel, "supply"))
+    assert effect.effect.needs == ()
     s = probe((channel,))
-    np.testing.assert_array_equal(own.effect.column(s), s.a * s.t + np.sin(s.v))
+    np.testing.assert_array_equal(effect.effect.column(s), s.a * s.t + np.sin(s.v))
 
 
 LEAVES = st.sampled_from([*MOTION, "supply", "a_y"]) | st.floats(-100, 100).map(lambda y: f"{y!r}")
@@ -249,17 +249,17 @@ def agree(text: str, path) -> bool:
     """Whether an expression is refused with a sentence, or its effect and its file have the same values."""
     CATALOGUE.pop("own_one", None)
     try:
-        own = from_expression("own_one", text, channels=("supply", "a_y"))
+        effect = from_expression("own_one", text, channels=("supply", "a_y"))
     except ExpressionError:
         return False
     del CATALOGUE["own_one"]
-    path.write_text(own.file)
+    path.write_text(effect.file)
     (loaded,) = load_effects(path)
     s = probe(("supply", "a_y"), 257)
-    expected, found = values(own.effect, s), values(loaded, s)
+    expected, result = values(effect.effect, s), values(loaded, s)
     size = float(np.max(np.abs(expected), initial=0.0))
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * size)
-    assert loaded.digest == own.effect.digest
+    np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12 * size)
+    assert loaded.digest == effect.effect.digest
     return True
 
 
@@ -300,7 +300,7 @@ def test_formulas_of_any_characters_end_in_a_sentence_or_in_an_effect(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("function", "said"),
+    ("function", "message"),
     [
         (lambda s: np.where(s.p > 0.0, np.nan, s.a), "not finite at"),
         (lambda s: s.a + 1j, "complex numbers"),
@@ -311,9 +311,9 @@ def test_formulas_of_any_characters_end_in_a_sentence_or_in_an_effect(tmp_path):
     ],
     ids=["NaN", "complex", "shape", "None", "mutates", "slow"],
 )
-def test_an_effect_of_a_script_is_looked_at_as_one_of_a_file_is(function, said):
+def test_an_effect_of_a_script_is_looked_at_as_one_of_a_file_is(function, message):
     before = dict(CATALOGUE)
-    with pytest.raises(EffectsFileError, match=said) as caught:
+    with pytest.raises(EffectsFileError, match=message) as caught:
         effect("own", unit="1", symbol="c", scale=1.0)(function)
     assert f"{__file__}, line " in str(caught.value)
     assert before == CATALOGUE
@@ -321,10 +321,10 @@ def test_an_effect_of_a_script_is_looked_at_as_one_of_a_file_is(function, said):
 
 def test_an_effect_of_a_script_is_looked_at_whenever_it_is_evaluated():
     @effect("own", unit="1", symbol="c", scale=1.0)
-    def own(s):
+    def law(s):
         return s.a / (len(s.t) != 100)
 
-    assert own(probe(())).shape == (64,)
+    assert law(probe(())).shape == (64,)
     with pytest.raises(EffectsFileError, match=r"not finite|does not evaluate"):
         find("own").column(probe((), 100))
 
@@ -351,24 +351,24 @@ def spin(seconds: float) -> float:
 @pytest.mark.parametrize("way", ["by hand", "registry", "replaced", "no function"])
 @pytest.mark.parametrize("kind", MISBEHAVE)
 def test_an_effect_is_looked_at_however_it_was_made(kind, way):
-    function, said = MISBEHAVE[kind]
+    function, message = MISBEHAVE[kind]
     if way == "no function":  # an object without file and line
         function = functools.partial(function)
     if way == "registry":
         registry.effect("own", unit="1", symbol="c", scale=1.0)(function)
-        made = find("own")
+        changed = find("own")
     elif way == "replaced":
-        made = dataclasses.replace(find("cubic"), name="own", function=function)
+        changed = dataclasses.replace(find("cubic"), name="own", function=function)
     else:
-        made = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), function, {})
-    with pytest.raises(EffectsFileError, match=said) as caught:
-        made.column(probe(()))
+        changed = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), function, {})
+    with pytest.raises(EffectsFileError, match=message) as caught:
+        changed.column(probe(()))
     assert ("effect 'own'" if way == "no function" else f"{__file__}, line ") in str(caught.value)
     assert "'own'" in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    ("declared", "message"),
     [
         ({"name": "a\x1bb"}, "needs a name of letters"),
         ({"name": 1}, "needs a name of letters"),
@@ -381,26 +381,26 @@ def test_an_effect_is_looked_at_however_it_was_made(kind, way):
         ({"shapes": {"w": Shape("s", (1.0, 0.0))}}, "has no bounds of w"),
     ],
 )
-def test_a_declaration_that_no_model_holds_is_refused_however_it_was_made(declared, said):
+def test_a_declaration_that_no_model_holds_is_refused_however_it_was_made(declared, message):
     given = {"name": "own", "unit": "1", "symbol": "c", "prior": SizePrior(1.0), "shapes": {}} | declared
-    with pytest.raises(EffectsFileError, match=said):
+    with pytest.raises(EffectsFileError, match=message):
         Effect(port="output", owner="sensor", function=lambda s, w=1.0: s.a, **given)
 
 
 def test_effects_of_accelcal_are_not_looked_at_again():
-    for known in BUILT_IN:
-        assert not isinstance(known.function, Guarded), known.name
-    own = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), lambda s: s.a, {})
-    assert dataclasses.replace(own, prior=SizePrior(2.0)).function is own.function
+    for existing in BUILT_IN:
+        assert not isinstance(existing.function, Guarded), existing.name
+    effect = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), lambda s: s.a, {})
+    assert dataclasses.replace(effect, prior=SizePrior(2.0)).function is effect.function
 
 
 def test_an_extra_that_misbehaves_is_refused_by_name():
-    made = ac.simulate(
+    recording = ac.simulate(
         "interleaved", seconds=8.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
     registry.effect("own", unit="1", symbol="c", scale=1.0)(lambda s: s.a[:-1])
-    own, base = find("own"), ac.fit(made)
+    effect, base = find("own"), ac.fit(recording)
     with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):
-        ac.diagnose(base, made, extra=(own,))
+        ac.diagnose(base, recording, extra=(effect,))
     with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):
-        ac.add(base, made, "own", extra=(own,))
+        ac.add(base, recording, "own", extra=(effect,))

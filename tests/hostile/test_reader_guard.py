@@ -106,7 +106,7 @@ def planted(path: Path, where: str, conversion: Any) -> None:
         file.save(path, overwrite=True)
 
 
-def said(act: Callable[[], object]) -> str:
+def refusal_of(act: Callable[[], object]) -> str:
     """What an act is refused with."""
     with pytest.raises(RecordingError) as error:
         act()
@@ -127,10 +127,10 @@ def test_a_formula_of_an_mf4_is_refused_wherever_it_stands(
     column = "t" if where == "master" else where
     for conversion in (formula(), nested(), nested(default=True)):
         planted(Path("run.mf4"), where, conversion)
-        refusal = said(lambda: io.load("run.mf4"))
+        refusal = refusal_of(lambda: io.load("run.mf4"))
         assert f'column "{column}" is converted by a formula in the file, which is not evaluated; export it' in refusal
         others = sorted({"t", "accel", "position"} - {column})
-        assert [len(found.values) for found in open_table(Path("run.mf4")).read(others).values()] == [len(T)] * 2
+        assert [len(result.values) for result in open_table(Path("run.mf4")).read(others).values()] == [len(T)] * 2
     assert not Path("made").exists()
     eval(MAKES_A_FILE)  # the code does what is meant here
     assert Path("made").exists()
@@ -150,11 +150,11 @@ def test_conversions_without_a_text_are_computed_as_before(kind: type) -> None:
         for channel, conversion in zip(file.groups[0].channels, (line, quotient, line), strict=True):
             channel.conversion = conversion
         file.save("run.mf4", overwrite=True)
-    found = open_table(Path("run.mf4")).read(["t", "a", "b"])
+    content = open_table(Path("run.mf4")).read(["t", "a", "b"])
     x = raw.astype(np.float64)
-    np.testing.assert_allclose(found["t"].values, 0.5 * T + 1.0, rtol=1e-15)
-    np.testing.assert_allclose(found["a"].values, (x**2 + 2.0 * x + 3.0) / (x + 4.0), rtol=1e-14)
-    np.testing.assert_allclose(found["b"].values, 0.5 * x + 1.0, rtol=1e-15)
+    np.testing.assert_allclose(content["t"].values, 0.5 * T + 1.0, rtol=1e-15)
+    np.testing.assert_allclose(content["a"].values, (x**2 + 2.0 * x + 3.0) / (x + 4.0), rtol=1e-14)
+    np.testing.assert_allclose(content["b"].values, 0.5 * x + 1.0, rtol=1e-15)
 
 
 @pytest.mark.parametrize("act", ACTS)
@@ -163,7 +163,7 @@ def test_a_reader_is_refused_what_no_reading_needs(act: str, place: Path, monkey
     (place / "c3d.py").write_text(f"def Reader(file):\n    {ACTS[act]}\n    raise SystemExit('it was done')\n")
     monkeypatch.syspath_prepend(place)
     Path("run.c3d").write_bytes(b"\x02P" + bytes(510))
-    text = said(lambda: open_table(Path("run.c3d")))
+    text = refusal_of(lambda: open_table(Path("run.c3d")))
     assert "was stopped when it was about to do what no reading needs" in text, text
     assert "\n" not in text
     assert sorted(os.listdir()) == ["run.c3d", "there"]
@@ -191,7 +191,7 @@ def test_tables_of_many_rows_are_read_by_any_user(suffix: str, user: str) -> Non
 @pytest.mark.parametrize("suffix", RECORDERS)
 def test_every_library_reads_within_its_guard(suffix: str, user: str, place: Path) -> None:
     columns = {"accel": np.sin(T), "position": np.cos(T)}
-    pytest.importorskip(next(each.library for each in FORMATS if f".{suffix}" in each.suffixes))
+    pytest.importorskip(next(item.library for item in FORMATS if f".{suffix}" in item.suffixes))
     RECORDERS[suffix](Path(f"run.{suffix}"), columns, {"accel": "m/s^2", "position": "m"}, 0.01)
     left = sorted(os.listdir(place / "temporary"))
     table = open_table(Path(f"run.{suffix}"))

@@ -46,7 +46,7 @@ def seconds_of(act: Callable[[], object]) -> float:
 
     def used() -> float:
         spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        return sum(each.ru_utime + each.ru_stime for each in spent)
+        return sum(item.ru_utime + item.ru_stime for item in spent)
 
     before = used()
     act()
@@ -64,15 +64,15 @@ def sentence_of(act: Callable[[], object]) -> str:
 
 def refused(path: Path, match: str = ".", **options: object) -> str:
     """The sentence that refuses a file, within `SECONDS` of processor time."""
-    said: list[str] = []
+    messages: list[str] = []
 
     def act() -> None:
         with pytest.raises(RecordingError, match=match) as error:
             summarise(io.load(path, **options))  # type: ignore[arg-type]
-        said.append(str(error.value))
+        messages.append(str(error.value))
 
     assert seconds_of(act) < SECONDS
-    return said[0]
+    return messages[0]
 
 
 # Mutated files.
@@ -81,9 +81,9 @@ def refused(path: Path, match: str = ".", **options: object) -> str:
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
     """One process that reads mutated files."""
-    made = Worker()
-    yield made
-    made.close()
+    running = Worker()
+    yield running
+    running.close()
 
 
 @pytest.mark.parametrize("section", SECTIONS)
@@ -249,15 +249,15 @@ def test_a_hostile_value_is_refused_by_its_key(tmp_path: Path, place: str, value
     path = tmp_path / "run.csv"
     path.write_text(TABLE)
     path.with_suffix(".toml").write_text(place.format(value))
-    said: list[str] = []
-    assert seconds_of(lambda: said.append(sentence_of(lambda: io.load(path)))) < SECONDS
-    assert not said[0] or str(path.with_suffix("")) in said[0]
-    assert "integer string conversion" not in said[0]
-    assert len(said[0]) < 1000
+    messages: list[str] = []
+    assert seconds_of(lambda: messages.append(sentence_of(lambda: io.load(path)))) < SECONDS
+    assert not messages[0] or str(path.with_suffix("")) in messages[0]
+    assert "integer string conversion" not in messages[0]
+    assert len(messages[0]) < 1000
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (b"x = " + b"[" * 100_000, "too deep"),
         (b"x = " + b"{a=" * 5000 + b"1" + b"}" * 5000, "too deep"),
@@ -275,12 +275,12 @@ def test_a_hostile_value_is_refused_by_its_key(tmp_path: Path, place: str, value
         (b"# " + b"." * 900_000, ""),
     ],
 )
-def test_a_hostile_sidecar_is_refused_soon(tmp_path: Path, text: bytes, said: str) -> None:
+def test_a_hostile_sidecar_is_refused_soon(tmp_path: Path, text: bytes, message: str) -> None:
     path = tmp_path / "run.csv"
     path.write_text(TABLE)
     path.with_suffix(".toml").write_bytes(text)
-    if said:
-        assert len(refused(path, said)) < 1000
+    if message:
+        assert len(refused(path, message)) < 1000
     else:
         io.load(path)
 
@@ -302,9 +302,9 @@ def test_a_filter_of_many_taps_is_no_long_key(tmp_path: Path) -> None:
 def test_a_hostile_cell_is_refused_with_its_row(tmp_path: Path, number: str) -> None:
     path = tmp_path / "run.csv"
     path.write_text(TABLE.replace("0.30,", f"{number},", 1))
-    said = sentence_of(lambda: io.load(path))
-    assert len(said) < 2000
-    assert str(path) in said or np.isfinite(io.load(path).accel.t).all()
+    message = sentence_of(lambda: io.load(path))
+    assert len(message) < 2000
+    assert str(path) in message or np.isfinite(io.load(path).accel.t).all()
 
 
 TEXTS = {
@@ -351,13 +351,13 @@ def test_a_jump_of_the_clock_is_read_soon(tmp_path: Path) -> None:
 
 def npy(values: np.ndarray | None, header: str = "") -> bytes:
     """A member of an archive; without values a header alone."""
-    made = text_io.BytesIO()
+    buffer = text_io.BytesIO()
     if values is not None:
-        np.lib.format.write_array(made, values)
+        np.lib.format.write_array(buffer, values)
     else:
         text = header.encode() + b"\n"
-        made.write(b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
-    return made.getvalue()
+        buffer.write(b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
+    return buffer.getvalue()
 
 
 def test_an_unused_array_of_4_gb_is_not_inflated(tmp_path: Path) -> None:
@@ -482,18 +482,18 @@ def test_headers_of_arrays_are_not_believed(tmp_path: Path, header: str) -> None
 
 
 def test_pickles_are_passed_over(tmp_path: Path) -> None:
-    made = tmp_path / "made"
+    folder = tmp_path / "made"
 
     class Bomb:
         def __reduce__(self) -> tuple[object, tuple[str]]:
-            return os.mkdir, (str(made),)
+            return os.mkdir, (str(folder),)
 
     path = tmp_path / "run.npz"
     np.savez(path, t_s=T, accel_g=np.sin(T), position_m=np.cos(T), note=np.array([Bomb()], dtype=object))
     io.load(path)
     path.write_bytes(zip_of({"t_s": b"", "accel_g.npy": b"\x80\x04."}))
     refused(path)
-    assert not made.exists()
+    assert not folder.exists()
 
 
 # The process that opens them.
@@ -506,7 +506,7 @@ def in_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "text"),
     [
         ("import os; os.kill(os.getpid(), 11)", "truncated or damaged \\(its reader ended with SIGSEGV\\)"),
         ("sys.exit(3)", "its reader ended with code 3"),
@@ -526,12 +526,12 @@ def in_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     ],
 )
 def test_whatever_becomes_of_the_process_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, text: str
 ) -> None:
     path = tmp_path / "run.npz"
     np.savez(path, t_s=T, accel_g=np.sin(T), position_m=np.cos(T))
     in_child(monkeypatch, code)
-    assert "\n" not in refused(path, said)
+    assert "\n" not in refused(path, text)
 
 
 def test_a_process_that_sleeps_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -575,9 +575,9 @@ def test_an_idle_process_ends_and_another_reads(tmp_path: Path, monkeypatch: pyt
     path = container(tmp_path / "run.npz")
     in_child(monkeypatch, "from accelcal.io.decoding import child; child.IDLE = 0.05")
     table = containers.open_container(path, "npz")
-    kept = containers._WAITING._kept
-    assert kept is not None
-    kept[1]._process.wait()
+    _kept = containers._WAITING._kept
+    assert _kept is not None
+    _kept[1]._process.wait()
     monkeypatch.undo()
     assert len(table.read(["t_s"])["t_s"].values) == len(T)
 
@@ -606,13 +606,13 @@ def test_containers_are_read_wherever_python_runs(tmp_path: Path, script: str) -
 
 def test_threads_read_at_once(tmp_path: Path) -> None:
     paths = [container(tmp_path / f"run{k % 3}.npz") for k in range(3)] * 2
-    found: list[int] = []
-    threads = [threading.Thread(target=lambda p: found.append(len(io.load(p).accel)), args=(path,)) for path in paths]
+    results: list[int] = []
+    threads = [threading.Thread(target=lambda p: results.append(len(io.load(p).accel)), args=(path,)) for path in paths]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert found == [len(T)] * len(paths)
+    assert results == [len(T)] * len(paths)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "parquet", "mat", "h5"])
@@ -640,7 +640,7 @@ def test_opening_a_small_container_is_cheap(tmp_path: Path, suffix: str) -> None
 # Recordings that Python code makes.
 
 
-def made(t: object, y: object, tp: object, p: object) -> Recording:
+def recording_of(t: object, y: object, tp: object, p: object) -> Recording:
     """A recording of anything."""
     return Recording(Channel("accel", t, y, "m/s^2"), Channel("position", tp, p, "m"), Rig())  # type: ignore[arg-type]
 
@@ -658,18 +658,18 @@ def test_unusable_recordings_are_refused_at_once_or_by_a_fit(t: np.ndarray) -> N
     y = np.zeros(t.shape) if t.dtype.kind == "U" else np.sin(t)
     for series in ((t, y, t, y), (t, y, U, np.sin(U)), (U, np.sin(U), t, y)):
         with pytest.raises(ValueError, match=r"recording|expected real numbers in one dimension"):
-            accelcal.fit(made(*series))
+            accelcal.fit(recording_of(*series))
 
 
 def test_readings_and_stamps_must_pair() -> None:
     with pytest.raises(RecordingError, match="expected as many"):
-        accelcal.fit(made(U, U[:-1], U, U))
+        accelcal.fit(recording_of(U, U[:-1], U, U))
     with pytest.raises(RecordingError, match="share no stretch"):
-        accelcal.fit(made(U, U, U + 100.0, U))
+        accelcal.fit(recording_of(U, U, U + 100.0, U))
 
 
 @pytest.mark.parametrize("jump", [1e7, 1e12])
 def test_a_jump_of_the_clock_is_refused_by_a_fit(jump: float) -> None:
     t = np.where(U > 1.0, U + jump, U)
     with pytest.raises(RecordingError, match="the clock jumps"):
-        accelcal.fit(made(t, np.sin(U), t, np.cos(U)))
+        accelcal.fit(recording_of(t, np.sin(U), t, np.cos(U)))

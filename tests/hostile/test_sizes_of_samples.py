@@ -32,9 +32,9 @@ def test_samples_of_any_size_are_fitted_or_refused_with_a_sentence(
     given = getattr(recording, channel)
     scaled = dataclasses.replace(given, y=given.y / float(np.max(np.abs(given.y))) * size)
     try:
-        found = ac.fit(dataclasses.replace(recording, **{channel: scaled}), reject_outliers=False)
+        fit = ac.fit(dataclasses.replace(recording, **{channel: scaled}), reject_outliers=False)
     except Exception as error:
         if not errors.is_for_user(error):
             raise
     else:
-        assert all(np.isfinite(estimate.value) for estimate in found.estimates)
+        assert all(np.isfinite(estimate.value) for estimate in fit.estimates)

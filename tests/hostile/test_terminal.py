@@ -55,9 +55,9 @@ def test_names_of_a_recording_and_its_sensor_reach_no_terminal_as_escapes(capsys
     hostile = replace(record(), name=name, rig=replace(rig, assumptions=(f"assumed {text}",)))
     fit = ac.fit(hostile)
     show_fit(fit, hostile)
-    seen = compare(fit, hostile)
-    show_comparison(seen)
-    common.print_json(results_json.content(seen))
+    comparison = compare(fit, hostile)
+    show_comparison(comparison)
+    common.print_json(results_json.content(comparison))
     model_file.save(fit, tmp_path / "m.json")  # and can be read again
     again = model_file.load(tmp_path / "m.json")
     assert again.rig.sensor.model == visible(text, one_line=True)

@@ -124,23 +124,23 @@ def tally(code: str, calls: int) -> dict[str, int]:
     )
     assert done.returncode == 0, f"ended with {done.returncode}: {done.stderr[-2000:]}"
     assert "Traceback" not in done.stderr, done.stderr
-    found: dict[str, int] = json.loads(done.stdout)
-    print(f"{calls} calls, {found}: 0 crashes (none allowed)")
-    return found
+    answer: dict[str, int] = json.loads(done.stdout)
+    print(f"{calls} calls, {answer}: 0 crashes (none allowed)")
+    return answer
 
 
 def test_arrays_that_change_while_a_filter_reads_them_crash_nothing() -> None:
-    found = tally(CHANGED, WRITTEN)
-    assert found["answered"] + found["refused"] == WRITTEN
-    assert found["changes"] > WRITTEN  # the writers did run meanwhile
-    assert found["refused"] > 0  # and what they wrote was read
+    result = tally(CHANGED, WRITTEN)
+    assert result["answered"] + result["refused"] == WRITTEN
+    assert result["changes"] > WRITTEN  # the writers did run meanwhile
+    assert result["refused"] > 0  # and what they wrote was read
 
 
 def test_one_filter_in_three_threads_answers_or_is_busy() -> None:
-    found = tally(ONE_FILTER, SHARED)
-    assert sum(found.values()) == SHARED
-    assert found["answered"] > 0
-    assert found["busy"] > 0
+    result = tally(ONE_FILTER, SHARED)
+    assert sum(result.values()) == SHARED
+    assert result["answered"] > 0
+    assert result["busy"] > 0
 
 
 def test_a_thread_that_dies_is_seen() -> None:

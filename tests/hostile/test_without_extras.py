@@ -80,8 +80,8 @@ def of_extras() -> set[str]:
             texts = requires(name) or []
         except PackageNotFoundError:
             continue
-        each = [Requirement(text) for text in texts]
-        left |= {canonicalize_name(r.name) for r in each if r.marker is None or r.marker.evaluate({"extra": ""})}
+        items = [Requirement(text) for text in texts]
+        left |= {canonicalize_name(r.name) for r in items if r.marker is None or r.marker.evaluate({"extra": ""})}
         left -= needed
     owners = packages_distributions().items()
     return {module for module, owner in owners if not needed & {canonicalize_name(name) for name in owner}} - {
@@ -120,10 +120,10 @@ def test_what_needs_an_extra_ends_in_a_sentence_that_names_it(place: Path, name:
     before = {path.name for path in place.rglob("*") if path.is_file()}
     done = bare(place, "-m", "accelcal", *words.split())
     assert done.returncode in (2, 3), (done.returncode, done.stdout, done.stderr)
-    *progress, said = done.stderr.splitlines()
-    assert said.startswith("accelcal: ")
+    *progress, message = done.stderr.splitlines()
+    assert message.startswith("accelcal: ")
     assert all("recordings fitted" in line for line in progress)
-    named = INSTALL.search(said)
+    named = INSTALL.search(message)
     assert named, done.stderr
     assert named[1] == extra or (not extra and named[1] in PROJECT["optional-dependencies"])
     after = {path.name for path in place.rglob("*") if path.is_file() and path.suffix != ".pyc"}

@@ -31,11 +31,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def benches(run: Path, tmp_path: Path) -> tuple[Workbench, Workbench]:
-    made = Workbench(tmp_path / "one"), Workbench(tmp_path / "two")
-    for bench in made:
+    benches_here = Workbench(tmp_path / "one"), Workbench(tmp_path / "two")
+    for bench in benches_here:
         bench.folder.mkdir()
         bench.load(run)
-    return made
+    return benches_here
 
 
 def of(bench: Workbench) -> str:
@@ -46,27 +46,27 @@ def of(bench: Workbench) -> str:
 
 def test_the_same_name_means_in_each_session_what_its_user_wrote(benches: tuple[Workbench, Workbench]) -> None:
     before = dict(CATALOGUE)
-    one, two = benches
-    one.own_effect(LAW, "a**3", "", "output")
+    first, two = benches
+    first.own_effect(LAW, "a**3", "", "output")
     with two.catalogue():
         assert LAW not in CATALOGUE
     two.own_effect(LAW, "v * abs(v)", "1/m", "output")
-    assert one.sentence == two.sentence == ""
-    assert (of(one), of(two)) == ("Own effect: a ** 3.", "Own effect: v * abs(v).")
+    assert first.sentence == two.sentence == ""
+    assert (of(first), of(two)) == ("Own effect: a ** 3.", "Own effect: v * abs(v).")
     assert before == CATALOGUE
     for bench in benches:
         bench.fit()
         bench.add(LAW)
         assert bench.sentence == ""
-    assert (of(one), of(two)) == ("Own effect: a ** 3.", "Own effect: v * abs(v).")
-    three = Workbench(one.folder / "three")
+    assert (of(first), of(two)) == ("Own effect: a ** 3.", "Own effect: v * abs(v).")
+    three = Workbench(first.folder / "three")
     three.folder.mkdir()
-    kept = three.folder / "work.accelcal"
-    kept.write_bytes(one.session())
-    two.open(kept)  # in the place of its own work
+    remaining = three.folder / "work.accelcal"
+    remaining.write_bytes(first.session())
+    two.open(remaining)  # in the place of its own work
     assert two.sentence == ""
     assert of(two) == "Own effect: a ** 3."
-    assert [formula.expression for formula in read(kept)[0].own] == ["a ** 3"]
+    assert [formula.expression for formula in read(remaining)[0].own] == ["a ** 3"]
     assert before == CATALOGUE
 
 
@@ -88,8 +88,8 @@ def test_an_action_that_fails_or_is_undone_leaves_no_effect(benches: tuple[Workb
 
 def test_figures_are_drawn_with_the_effects_of_their_session(benches: tuple[Workbench, Workbench]) -> None:
     expressions = {LAW: "a**3"}, {LAW: "a**5"}
-    for bench, own in zip(benches, expressions, strict=True):
-        bench.own_effect(LAW, own[LAW], "", "output")
+    for bench, expression in zip(benches, expressions, strict=True):
+        bench.own_effect(LAW, expression[LAW], "", "output")
 
     async def drawn(bench: Workbench) -> float:
         with bench.catalogue():
@@ -111,11 +111,11 @@ def test_a_catalogue_apart_forgets_what_went_on_inside() -> None:
         with CATALOGUE.apart():
             assert before == CATALOGUE
         assert LAW in CATALOGUE
-        seen: list[bool] = []
-        thread = threading.Thread(target=lambda: seen.append(LAW in CATALOGUE))
+        entered: list[bool] = []
+        thread = threading.Thread(target=lambda: entered.append(LAW in CATALOGUE))
         thread.start()
         thread.join()
-        assert seen == [False]
+        assert entered == [False]
         with pytest.raises(ExpressionError, match="already"):
             from_expression(LAW, "a**5")
     assert before == CATALOGUE
@@ -125,9 +125,9 @@ def test_a_catalogue_apart_forgets_what_went_on_inside() -> None:
 @pytest.fixture
 def workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]), prepend=":")
-    made = Workers(tmp_path, 1)
-    yield made
-    made.close()
+    workers_here = Workers(tmp_path, 1)
+    yield workers_here
+    workers_here.close()
 
 
 def test_a_formula_is_tried_in_a_worker_that_cancel_ends(

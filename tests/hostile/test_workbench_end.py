@@ -29,13 +29,13 @@ def test_a_signal_while_requests_run_ends_in_one_sentence_or_none(number: signal
         with serving() as server:
             server.ask()
             asking = [threading.Thread(target=ask_on, args=(server, ended), daemon=True) for _ in range(6)]
-            for one in asking:
-                one.start()
+            for thread in asking:
+                thread.start()
             assert server.stop(number) == 128 + number
             ended.set()
-            said = [line for line in server.log.read_text().splitlines()[1:] if line.strip()]
-            assert len(said) <= 1, said
-            assert all(line.startswith("accelcal: ") for line in said)
+            messages = [line for line in server.log.read_text().splitlines()[1:] if line.strip()]
+            assert len(messages) <= 1, messages
+            assert all(line.startswith("accelcal: ") for line in messages)
             assert is_emptied(server.temporary)
     finally:
         ended.set()

@@ -70,8 +70,8 @@ def test_a_body_is_limited_while_it_arrives(
     tmp_path: Path, pieces: list[bytes], declared: int | None, status: int
 ) -> None:
     server = Server()
-    found, text, asked = asyncio.run(posted(Guard(server, tmp_path, MOST), pieces, declared))
-    assert found == status
+    result, text, asked = asyncio.run(posted(Guard(server, tmp_path, MOST), pieces, declared))
+    assert result == status
     assert server.received <= MOST
     if status == 413:
         assert "the limit of the workbench" in text

@@ -66,15 +66,15 @@ def fit(page: Any) -> None:
 
 
 def test_sessions_at_work_leave_an_idle_page_alone(served: Served, browser: Any, tmp_path: Path) -> None:  # noqa: F811
-    found = soak(served, browser, tmp_path, SESSIONS, SECONDS, math.inf if EVERYTHING else SESSIONS)
-    print(found)
-    assert found.lost == []
-    assert found.errors == []
-    assert found.fits >= SESSIONS
+    result = soak(served, browser, tmp_path, SESSIONS, SECONDS, math.inf if EVERYTHING else SESSIONS)
+    print(result)
+    assert result.lost == []
+    assert result.errors == []
+    assert result.fits >= SESSIONS
     # A slice does not judge the machine's pace: a fit that held the server would show as seconds.
-    assert statistics.median(found.answers) < 2.0
+    assert statistics.median(result.answers) < 2.0
     if EVERYTHING:
-        assert max(found.answers) <= 1.0
+        assert max(result.answers) <= 1.0
 
 
 @pytest.mark.parametrize("name", NAMES if EVERYTHING else NAMES[:5], ids=lambda name: repr(name[:20]))

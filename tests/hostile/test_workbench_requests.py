@@ -57,9 +57,14 @@ def test_another_site_is_refused_everywhere(served: Served, path: str, headers: 
 
 
 def test_a_socket_needs_the_origin_of_the_workbench(served: Served) -> None:  # noqa: F811
-    own = f"Origin: {served.address}\r\n"
-    assert "101" in handshake(served, own)
-    for headers in ("", "Origin: http://evil.example\r\n", "Origin: null\r\n", f"{own}Sec-Fetch-Site: cross-site\r\n"):
+    origin = f"Origin: {served.address}\r\n"
+    assert "101" in handshake(served, origin)
+    for headers in (
+        "",
+        "Origin: http://evil.example\r\n",
+        "Origin: null\r\n",
+        f"{origin}Sec-Fetch-Site: cross-site\r\n",
+    ):
         assert "403" in handshake(served, headers), headers
 
 
@@ -142,10 +147,10 @@ def test_slow_connections_keep_nobody_waiting(served: Served) -> None:  # noqa: 
 
 
 def test_many_readers_at_once_are_answered(served: Served) -> None:  # noqa: F811
-    found: list[int] = []
-    threads = [threading.Thread(target=lambda: found.append(served.ask("/")[0])) for _ in range(60)]
+    results: list[int] = []
+    threads = [threading.Thread(target=lambda: results.append(served.ask("/")[0])) for _ in range(60)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert found == [200] * 60
+    assert results == [200] * 60

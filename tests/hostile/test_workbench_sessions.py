@@ -72,11 +72,11 @@ def parts(raw: bytes) -> dict[str, bytes]:
 
 def packed(members: dict[str, bytes]) -> bytes:
     """A session file of these parts."""
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+    packed_file = io.BytesIO()
+    with zipfile.ZipFile(packed_file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
-    return made.getvalue()
+    return packed_file.getvalue()
 
 
 def changed(raw: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
@@ -95,15 +95,15 @@ def test_a_session_comes_back_as_it_was(grown: Workbench, raw: bytes, tmp_path: 
     for mine, theirs in zip(bench.state.steps, grown.state.steps, strict=True):
         with bench.catalogue():
             assert model_file.to_dict(mine.fit) == model_file.to_dict(theirs.fit)
-        fresh, kept = (json.loads(step.heldout.to_json()) for step in (mine, theirs))
+        fresh, remaining = (json.loads(step.heldout.to_json()) for step in (mine, theirs))
         for name in ("bins", "worst_regions"):  # of models compared together, regions are of the motion of the first
-            pairs = zip(fresh.pop(name), kept.pop(name), strict=True)
+            pairs = zip(fresh.pop(name), remaining.pop(name), strict=True)
             assert all(x["variable"] == y["variable"] for x, y in pairs)
-        assert fresh == kept
+        assert fresh == remaining
     assert [(run.excluded, run.held_out) for run in bench.state.runs] == [
         (run.excluded, run.held_out) for run in grown.state.runs
     ]
-    assert [own.effect.name for own in bench.state.own] == ["law_of_the_session"]
+    assert [entry.effect.name for entry in bench.state.own] == ["law_of_the_session"]
     bench.drop("nothing")  # the work goes on
     assert "not an added effect" in bench.sentence
     bench.release("bias")
@@ -249,11 +249,11 @@ def test_what_is_copied_runs_nothing_that_a_file_has_named() -> None:
 
 
 def test_a_member_may_not_lie_about_its_size(raw: bytes, tmp_path: Path) -> None:
-    made = bytearray(packed({CONTENT: bomb(MOST_MEMBER * 3)}))
-    at = made.rfind(b"PK\x01\x02")
-    made[at + 24 : at + 28] = (10).to_bytes(4, "little")  # the size that the directory declares
+    archive = bytearray(packed({CONTENT: bomb(MOST_MEMBER * 3)}))
+    at = archive.rfind(b"PK\x01\x02")
+    archive[at + 24 : at + 28] = (10).to_bytes(4, "little")  # the size that the directory declares
     path = tmp_path / "lie.accelcal"
-    path.write_bytes(bytes(made))
+    path.write_bytes(bytes(archive))
     for reader in (read, peek):
         with pytest.raises(SessionError):
             reader(path)
@@ -301,7 +301,7 @@ def test_kept_work_is_bounded_listed_and_removed(grown: Workbench, tmp_path: Pat
         assert keeper.path(name) is None
     (tmp_path / "state" / f"{'B' * 16}.accelcal").write_bytes(b"damaged")
     (tmp_path / "state" / f"{'C' * 16}.accelcal").symlink_to("/etc/passwd")
-    assert "B" * 16 not in {kept.name for kept in keeper.listed()}
+    assert "B" * 16 not in {remaining.name for remaining in keeper.listed()}
     assert keeper.path("C" * 16) is None
     keeper.remove(names[-1])
     assert keeper.path(names[-1]) is None

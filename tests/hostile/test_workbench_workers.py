@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from accelcal._support import errors
-from accelcal.app.state import Cancelled, Formula, Known, State
+from accelcal.app.state import Cancelled, Formula, SessionEffects, State
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import WorkerLost, Workers
 
@@ -22,7 +22,7 @@ from . import workbench_tasks as work
 from .case import LONG
 from .workbench import has_ended, write
 
-NOTHING = Known()
+NOTHING = SessionEffects()
 SIGNALS = [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT] if LONG else [signal.SIGSEGV]
 
 
@@ -32,9 +32,9 @@ def ignore(share: float) -> None:
 
 @pytest.fixture
 def workers(tmp_path: Path) -> Iterator[Workers]:
-    made = Workers(tmp_path, 2)
-    yield made
-    made.close()
+    workers_here = Workers(tmp_path, 2)
+    yield workers_here
+    workers_here.close()
 
 
 @pytest.fixture(autouse=True)
@@ -80,12 +80,12 @@ def test_what_a_worker_raised_is_judged_by_where_it_was_raised(workers: Workers,
     with pytest.raises(ValueError, match="math domain error") as caught:
         workers(work.foreign, progress=ignore, memory=NOTHING)
     assert not errors.is_for_user(caught.value)
-    said = errors.sentence(caught.value, ["accelcal", "app"])
-    report = Path(said.partition("please send ")[2].partition(" to its authors")[0])
+    message = errors.sentence(caught.value, ["accelcal", "app"])
+    report = Path(message.partition("please send ")[2].partition(" to its authors")[0])
     assert "workbench_tasks.py" in report.read_text()  # the place in the worker, not that of its messenger
     report.unlink()
     with pytest.raises((ValueError, OSError)) as caught:
-        workers(work.own, progress=ignore, memory=NOTHING)
+        workers(work.absent_file, progress=ignore, memory=NOTHING)
     assert errors.is_for_user(caught.value)
 
 
@@ -128,8 +128,10 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
 
 
 def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
-    mine = Known((Formula(name="my_drag", expression="v * abs(v)", unit="1/m", port="output"),), (("supply", "V"),))
-    yours = Known(
+    mine = SessionEffects(
+        (Formula(name="my_drag", expression="v * abs(v)", unit="1/m", port="output"),), (("supply", "V"),)
+    )
+    yours = SessionEffects(
         (Formula(name="my_drag", expression="v**3", unit="s/m²", port="output"),)
     )  # the same name for another effect
     workers.most = 1
@@ -141,8 +143,9 @@ def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
 def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from accelcal.app.workers import Workers;"
-        "from accelcal.app.state import Known; from tests.hostile import workbench_tasks as work;"
-        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, memory=Known())"
+        "from accelcal.app.state import SessionEffects; from tests.hostile import workbench_tasks as work;"
+        "Workers(Path(sys.argv[1]), 1)("
+        "work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, memory=SessionEffects())"
     )
     server = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])
     while not (tmp_path / "note").exists():

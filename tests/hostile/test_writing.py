@@ -52,7 +52,7 @@ def umask() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     recording = ac.simulate(
         "tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
@@ -192,10 +192,10 @@ def test_devices_and_pipes_are_written_and_never_replaced(tmp_path):
 
 
 @pytest.mark.parametrize("redirected", [False, True], ids=["pipe", "file"])
-def test_the_standard_output_is_a_place_to_write(made, tmp_path, redirected):
+def test_the_standard_output_is_a_place_to_write(files, tmp_path, redirected):
     words = [sys.executable, "-m", "accelcal", "fit", "run.csv", "-o", "/dev/stdout", "--json"]
     out = (tmp_path / "out").open("wb") if redirected else subprocess.PIPE
-    done = subprocess.run(words, cwd=made, stdout=out, stderr=subprocess.PIPE, timeout=300)
+    done = subprocess.run(words, cwd=files, stdout=out, stderr=subprocess.PIPE, timeout=300)
     assert done.returncode == 0, done.stderr
     text = (tmp_path / "out").read_text() if redirected else done.stdout.decode()
     first, second = json.JSONDecoder().raw_decode(text)
@@ -280,13 +280,13 @@ def test_a_failure_between_two_renames_brings_back_what_was_there(tmp_path, monk
     assert {name: (tmp_path / name).read_text() for name in names(tmp_path)} == {"a": "old", "b": "old"}
 
 
-def test_a_command_with_several_outputs_writes_all_or_none(made, tmp_path, monkeypatch, capsys):
+def test_a_command_with_several_outputs_writes_all_or_none(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.h").write_text("old")
     (tmp_path / "a.rs").mkdir()
     monkeypatch.setattr(Path, "is_dir", lambda self: self.name != "a.rs" and os.path.isdir(self))  # made meanwhile
     with pytest.raises(SystemExit) as ended:
-        app(["export", str(made / "m.json"), "--c", "a.h", "--dcc", "a.xml", "--rust", "a.rs"])
+        app(["export", str(files / "m.json"), "--c", "a.h", "--dcc", "a.xml", "--rust", "a.rs"])
     assert ended.value.code in (2, 3)
     assert (tmp_path / "a.h").read_text() == "old"
     assert names(tmp_path) == ["a.h", "a.rs"]
@@ -300,24 +300,24 @@ def limited() -> None:
 
 def test_two_measurements_that_begin_at_once_do_not_replace_each_other(tmp_path):
     path = tmp_path / "run.parquet"
-    with GrowingParquet(path, {"t": "s"}) as one, GrowingParquet(path, {"t": "s"}) as other:
-        one.append({"t": np.array([0.0, 1.0])})
+    with GrowingParquet(path, {"t": "s"}) as first, GrowingParquet(path, {"t": "s"}) as other:
+        first.append({"t": np.array([0.0, 1.0])})
         with pytest.raises(OSError, match=r"run\.parquet: another program has begun to write it; give one of them"):
             other.append({"t": np.array([5.0])})
-        one.append({"t": np.array([2.0])})
+        first.append({"t": np.array([2.0])})
     assert parquet.read_table(path)["t"].to_pylist() == [0.0, 1.0, 2.0]
     with GrowingParquet(path, {"t": "s"}) as later:  # the twin: what was there before is replaced, as its writer asks
         later.append({"t": np.array([5.0])})
     assert parquet.read_table(path)["t"].to_pylist() == [5.0]
 
 
-def test_a_page_is_written_again_by_its_command_and_a_page_of_the_user_is_not(made, tmp_path):
-    words = ["report", str(made / "m.json"), str(made / "run.csv"), "-o", str(tmp_path / "r.html")]
+def test_a_page_is_written_again_by_its_command_and_a_page_of_the_user_is_not(files, tmp_path):
+    words = ["report", str(files / "m.json"), str(files / "run.csv"), "-o", str(tmp_path / "r.html")]
     for _ in range(2):
         assert accelcal(*words, cwd=tmp_path).returncode == 0
     turned = tmp_path / "\u202egnp.csv"
-    shutil.copy(made / "run.csv", turned)
-    shutil.copy(made / "run.toml", turned.with_suffix(".toml"))
+    shutil.copy(files / "run.csv", turned)
+    shutil.copy(files / "run.toml", turned.with_suffix(".toml"))
     assert accelcal(*words[:2], str(turned), *words[3:], cwd=tmp_path).returncode == 0
     assert r"\u202egnp.csv" in (page := (tmp_path / "r.html").read_text("utf-8"))
     assert "\u202e" not in page
@@ -329,7 +329,7 @@ def test_a_page_is_written_again_by_its_command_and_a_page_of_the_user_is_not(ma
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["new", "replaced"])
-def test_a_full_disk_leaves_what_was_there(made, tmp_path, old):
+def test_a_full_disk_leaves_what_was_there(files, tmp_path, old):
     target = tmp_path / "big.csv"
     if old:
         target.write_text("old")
@@ -342,7 +342,7 @@ def test_a_full_disk_leaves_what_was_there(made, tmp_path, old):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="a file system of its own needs root")
-def test_a_full_or_read_only_file_system_is_one_sentence(made, tmp_path):
+def test_a_full_or_read_only_file_system_is_one_sentence(files, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(disk)], capture_output=True)
@@ -362,9 +362,9 @@ def test_a_full_or_read_only_file_system_is_one_sentence(made, tmp_path):
         subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_caches_that_cannot_be_written_do_not_matter(made, tmp_path):
+def test_caches_that_cannot_be_written_do_not_matter(files, tmp_path):
     (tmp_path / "file").write_text("")
     places = {name: str(tmp_path / "file" / "below") for name in ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
-    done = accelcal("fit", "run.csv", "-o", tmp_path / "m.json", cwd=made, env={**os.environ, **places})
+    done = accelcal("fit", "run.csv", "-o", tmp_path / "m.json", cwd=files, env={**os.environ, **places})
     assert done.returncode == 0, done.stderr
     assert model_file.load(tmp_path / "m.json")

@@ -107,12 +107,12 @@ def descendants(root: int) -> list[int]:
         except OSError:
             continue
         children.setdefault(int(fields[1]), []).append(int(stat.parent.name))
-    found, left = [], [root]
+    result, left = [], [root]
     while left:
         below = children.get(left.pop(), [])
-        found += below
+        result += below
         left += below
-    return found
+    return result
 
 
 def has_ended(pid: int, within: float = 30.0) -> bool:
@@ -137,13 +137,13 @@ def is_emptied(folder: Path, within: float = 30.0) -> bool:
 def serving() -> Iterator[Served]:
     """A running workbench; it is stopped, and its folders removed."""
     place = Path(tempfile.mkdtemp())
-    made = Served(place)
+    server = Served(place)
     try:
-        made.start()
-        yield made
+        server.start()
+        yield server
     finally:
-        if made.process is not None and made.process.poll() is None:
-            made.stop(signal.SIGKILL)
+        if server.process is not None and server.process.poll() is None:
+            server.stop(signal.SIGKILL)
         shutil.rmtree(place, ignore_errors=True)
 
 
@@ -151,14 +151,14 @@ def serving() -> Iterator[Served]:
 def served() -> Iterator[Served]:
     """One workbench for the tests of a file."""
     pytest.importorskip("nicegui")
-    with serving() as made:
-        yield made
+    with serving() as server:
+        yield server
 
 
 def write(path: Path, seed: int, seconds: float = 20.0) -> Path:
     """A simulated recording with a hidden cubic, and its sidecar."""
     parameters = {"bias": 0.05, "scale_factor": 0.01, "cubic": 4e-3}
     rng = np.random.default_rng(seed)
-    made = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=parameters, rng=rng).recording
-    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    recording = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=parameters, rng=rng).recording
+    io.write_sidecar(recording.rig, io.write_csv(recording, path), io.sidecar_of(path))
     return path

@@ -70,7 +70,7 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
     browser : Chromium of Playwright; its pages draw no figures, so that the server gets the processor.
     place : for recordings.
     """
-    found = Soak(sessions, seconds)
+    result = Soak(sessions, seconds)
     context = browser.new_context(viewport={"width": 800, "height": 600})
     context.route(re.compile("nicegui-plotly.*index.js"), lambda route: route.fulfill(body=STILL, content_type=SCRIPT))
     idle = opened(context, server)
@@ -88,25 +88,25 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
         text=True,
     )
     end = time.monotonic() + seconds
-    while time.monotonic() < end and found.diagnoses < enough:
+    while time.monotonic() < end and result.diagnoses < enough:
         for page, _ in pages:
             did = page.evaluate(STEP)
-            found.fits += did == "fit"
-            found.diagnoses += did == "diagnosed"
+            result.fits += did == "fit"
+            result.diagnoses += did == "diagnosed"
             if did.startswith("error"):
-                found.errors.append(did)
+                result.errors.append(did)
         pages[0][0].wait_for_timeout(100)
-    found.answers, wrong = json.loads(asking.communicate()[0])
-    found.errors += wrong
+    result.answers, wrong = json.loads(asking.communicate()[0])
+    result.errors += wrong
     for page, name in pages:
         page.reload()
         page.locator(".file").wait_for(timeout=LONG)
         page.wait_for_function("name => document.querySelector('.file')?.innerText === name", arg=name, timeout=LONG)
         shown = page.locator("main .body").inner_text()
         if not shown or page.locator(".expired").count():
-            found.lost.append(name)
+            result.lost.append(name)
     context.close()
-    return found
+    return result
 
 
 def opened(context: Any, server: Served) -> Any:

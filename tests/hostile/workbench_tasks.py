@@ -63,8 +63,8 @@ def unsendable(*, progress: Report) -> Any:
 class Odd(Exception):
     """An error that cannot be made again from its text."""
 
-    def __init__(self, one: int, two: int) -> None:
-        super().__init__(f"{one} and {two}")
+    def __init__(self, first: int, two: int) -> None:
+        super().__init__(f"{first} and {two}")
 
 
 def oddly(*, progress: Report) -> None:
@@ -91,6 +91,6 @@ def foreign(*, progress: Report) -> float:
     return math.sqrt(float("-1"))
 
 
-def own(*, progress: Report) -> None:
+def absent_file(*, progress: Report) -> None:
     """Raise what accelcal says of a file that is not there."""
     accelcal.load(Path("absent.csv"))

@@ -123,27 +123,27 @@ def make_inputs(folder: Path) -> None:
     for name, seed, cubic in (("run", 1, 0.0), ("other", 2, 0.0), ("curved", 3, 0.01)):
         truth = {"bias": 0.05, "cubic": cubic}
         rng = np.random.default_rng(seed)
-        made = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
-        write_recording(made.recording, folder / f"{name}.csv")
+        simulation = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(simulation.recording, folder / f"{name}.csv")
         if name == "run":
-            model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m.json")
-            model_file.save(estimate(ac.Model.cubic(), made.recording), folder / "m2.json")
+            model_file.save(estimate(ac.Model.linear(), simulation.recording), folder / "m.json")
+            model_file.save(estimate(ac.Model.cubic(), simulation.recording), folder / "m2.json")
         if name == "curved":
-            model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m3.json")
+            model_file.save(estimate(ac.Model.linear(), simulation.recording), folder / "m3.json")
     rng = np.random.default_rng(4)
     steps = ac.simulate("sine_steps", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=rng)
     write_recording(steps.recording, folder / "shaker.csv")
     (folder / "bare.csv").write_bytes((folder / "other.csv").read_bytes())
     (folder / "sensors" / "a").mkdir(parents=True)
     for seed in (1, 2):
-        made = ac.simulate(
+        simulation = ac.simulate(
             "tones",
             seconds=5.0,
             rig=ADXL105_RIG,
             parameters={"bias": 0.05},
             rng=np.random.default_rng(seed),
         )
-        write_recording(made.recording, folder / "sensors" / "a" / f"r{seed}.csv")
+        write_recording(simulation.recording, folder / "sensors" / "a" / f"r{seed}.csv")
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 20.0, 0.01)
     position = np.floor(t / 2.5)
@@ -180,7 +180,7 @@ def is_whole(path: Path, reference: bytes, *, grows: bool = False) -> bool:
 def is_beginning(content: bytes, reference: bytes) -> bool:
     """Whether a Parquet file holds the first rows of another."""
     try:
-        some, every = (parquet.ParquetFile(io.BytesIO(each)).read() for each in (content, reference))
+        some, every = (parquet.ParquetFile(io.BytesIO(item)).read() for item in (content, reference))
     except pa.ArrowInvalid:
         return False
     return some.num_rows > 0 and bool(some.equals(every.slice(0, some.num_rows)))

@@ -56,13 +56,13 @@ def test_fit_then_compare_gives_the_documented_json(folder):
 
     compared = accelcal("compare", "m.json", "two.parquet", "--json", cwd=folder)
     assert compared.returncode == 0, compared.stderr
-    seen = json.loads(compared.stdout)
-    assert seen["schema"] == "accelcal/comparison/5"
-    ((seen,),) = seen["seen"]
+    answer = json.loads(compared.stdout)
+    assert answer["schema"] == "accelcal/comparison/5"
+    ((answer,),) = answer["evaluations"]
     for key in ("coast_rms", "coast_frozen_rms", "coast_floor"):
-        assert set(seen[key]) == {"1.0", "5.0", "10.0"}
-    assert {"one_step_rms", "nis", "accel_rms", "band", "worst"} <= set(seen)
-    assert seen["nis"] == pytest.approx(1.0, abs=0.06)  # 5 sigma of 16 000 innovations
+        assert set(answer[key]) == {"1.0", "5.0", "10.0"}
+    assert {"one_step_rms", "nis", "accel_rms", "band", "worst"} <= set(answer)
+    assert answer["nis"] == pytest.approx(1.0, abs=0.06)  # 5 sigma of 16 000 innovations
 
 
 def test_a_fit_by_the_weak_form_stays_one_when_a_parameter_is_held(folder):
@@ -75,14 +75,16 @@ def test_a_fit_by_the_weak_form_stays_one_when_a_parameter_is_held(folder):
 def test_horizons_the_record_does_not_allow_are_null(folder):
     write_recording(record(3, seconds=4.0), folder / "short.csv")
     accelcal("fit", "one.csv", "-o", "m2.json", cwd=folder)
-    ((seen,),) = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)["seen"]
-    assert seen["coast_rms"]["1.0"] is not None
-    assert seen["coast_rms"]["5.0"] is None
-    assert seen["coast_rms"]["10.0"] is None
+    ((evaluation,),) = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)[
+        "evaluations"
+    ]
+    assert evaluation["coast_rms"]["1.0"] is not None
+    assert evaluation["coast_rms"]["5.0"] is None
+    assert evaluation["coast_rms"]["10.0"] is None
 
 
 @pytest.mark.parametrize(
-    ("name", "changed", "code", "said"),
+    ("name", "changed", "code", "message"),
     [
         ("stuck", {"position": 0.0}, 4, ["position is 0 m throughout", "was not excited"]),
         ("turned", {"accel": -1.0}, 3, ["runs against the encoder", 'mount = "reversed"']),
@@ -90,11 +92,11 @@ def test_horizons_the_record_does_not_allow_are_null(folder):
         ("upside_down", {"constant": -STANDARD_GRAVITY}, 3, ["close to gravity", 'axis = "down"']),
     ],
 )
-def test_what_cannot_be_a_sensor_is_refused_with_the_cure(tmp_path, name, changed, code, said):
+def test_what_cannot_be_a_sensor_is_refused_with_the_cure(tmp_path, name, changed, code, message):
     write_recording(scaled(record(), **changed), tmp_path / f"{name}.csv")
     done = accelcal("fit", f"{name}.csv", "-o", "m.json", cwd=tmp_path)
     assert done.returncode == code, done.stderr
-    for words in (name, *said):
+    for words in (name, *message):
         assert words in done.stderr
     assert done.stdout == ""
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"{name}.csv", f"{name}.toml"]
@@ -124,7 +126,7 @@ def test_millimetres_read_as_metres_are_warned_about(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (["fit"], 2, "Missing argument"),
         (["fit", "one.csv", "--model", "quartic"], 2, "expected linear or cubic"),
@@ -138,10 +140,10 @@ def test_millimetres_read_as_metres_are_warned_about(tmp_path):
         (["simulate", "-o", "run.xyz"], 2, ".csv or .parquet"),
     ],
 )
-def test_mistakes_end_in_one_sentence_and_the_right_code(folder, arguments, code, said):
+def test_mistakes_end_in_one_sentence_and_the_right_code(folder, arguments, code, message):
     done = accelcal(*arguments, cwd=folder)
     assert done.returncode == code, done.stderr
-    assert said in " ".join(done.stderr.replace("│", " ").split())
+    assert message in " ".join(done.stderr.replace("│", " ").split())
     assert "Traceback" not in done.stderr
 
 

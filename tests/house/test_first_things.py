@@ -152,8 +152,8 @@ def test_the_step_after_a_diagnosis_adds_what_the_model_lacks(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], effects: object, expected: str
 ) -> None:
     monkeypatch.chdir(folder)
-    found = SimpleNamespace(effects=effects, verdict="named")
-    common.after_diagnosis(ac.load_model("m.json"), found, Path("m.json"), [Path("run.csv")])  # type: ignore[arg-type]
+    result = SimpleNamespace(effects=effects, verdict="named")
+    common.after_diagnosis(ac.load_model("m.json"), result, Path("m.json"), [Path("run.csv")])  # type: ignore[arg-type]
     assert capsys.readouterr().err == expected
 
 
@@ -203,8 +203,8 @@ def test_a_session_file_hashes_no_file_that_never_ends(name: str) -> None:
 def test_what_numpy_warns_of_is_not_for_the_terminal() -> None:
     done = subprocess.run([sys.executable, "-c", WARNED], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
-    told = subprocess.run([sys.executable, "-W", "always", "-c", WARNED], capture_output=True, text=True, timeout=60)
-    assert "divide by zero" in told.stderr  # the sister: whoever asks for warnings gets them
+    outcome = subprocess.run([sys.executable, "-W", "always", "-c", WARNED], capture_output=True, text=True, timeout=60)
+    assert "divide by zero" in outcome.stderr  # the sister: whoever asks for warnings gets them
 
 
 def test_exact_and_empty_series_are_no_reason_to_warn() -> None:

@@ -22,8 +22,8 @@ def test_every_public_name_has_an_example(name: str) -> None:
 
 @pytest.mark.parametrize("module", WITH_EXAMPLES)
 def test_examples_give_what_they_say(module: str) -> None:
-    found = importlib.import_module(f"accelcal.{module}".rstrip("."))
-    done = doctest.testmod(found, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
+    result = importlib.import_module(f"accelcal.{module}".rstrip("."))
+    done = doctest.testmod(result, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
     assert done.failed == 0
     assert done.attempted > 0
 

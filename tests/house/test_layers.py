@@ -81,8 +81,8 @@ def upward(module: str, targets: set[str], layers: tuple[str, ...] = LAYERS) -> 
     if not module:
         return []  # the package itself, which binds the public names
     place = layers.index(folder(module))
-    known = [t for t in targets if folder(t) not in EVERYWHERE and folder(t) != folder(module)]
-    return sorted(f"{module} -> {t}" for t in known if folder(t) not in layers or layers.index(folder(t)) > place)
+    layered = [t for t in targets if folder(t) not in EVERYWHERE and folder(t) != folder(module)]
+    return sorted(f"{module} -> {t}" for t in layered if folder(t) not in layers or layers.index(folder(t)) > place)
 
 
 def test_every_file_has_its_layer() -> None:
@@ -114,7 +114,7 @@ def test_files_form_no_cycle() -> None:
 def rust_imports(crate: Path) -> dict[str, set[str]]:
     """Modules of a crate with those that each names by `crate::` or `super::`, tests within a file aside."""
     files = {rust_module(path, crate): path for path in sorted((crate / "src").rglob("*.rs")) if path.stem != "tests"}
-    found: dict[str, set[str]] = {}
+    results: dict[str, set[str]] = {}
     for module, path in files.items():
         text = path.read_text(encoding="utf-8").partition("#[cfg(test)]")[0]
         names = [m[1] for m in re.finditer(r"\bcrate::([a-z_]\w*(?:::[a-z_]\w*)*)", text)]
@@ -122,12 +122,12 @@ def rust_imports(crate: Path) -> dict[str, set[str]]:
             names += [m[1] for m in re.finditer(r"(?:^|[,{])\s*([a-z_]\w*(?:::[a-z_]\w*)*)", group[1])]
         above = module.rpartition("::")[0]
         names += [f"{above}::{m[1]}".removeprefix("::") for m in re.finditer(r"\bsuper::([a-z_]\w*)", text)]
-        found[module] = set()
+        results[module] = set()
         for name in names:
             parts = name.split("::")
-            known = ["::".join(parts[:k]) for k in range(len(parts), 0, -1) if "::".join(parts[:k]) in files]
-            found[module] |= set(known[:1]) - {module}
-    return found
+            prefixes = ["::".join(parts[:k]) for k in range(len(parts), 0, -1) if "::".join(parts[:k]) in files]
+            results[module] |= set(prefixes[:1]) - {module}
+    return results
 
 
 def rust_module(path: Path, crate: Path) -> str:
@@ -144,9 +144,9 @@ def test_files_of_rust_form_no_cycle(crate: str) -> None:
 
 
 def test_few_files_lie_in_the_root_of_the_package() -> None:
-    found = [path.name for path in PACKAGE.iterdir() if path.is_file() and path.suffix != ".so"]
-    print(f"{len(found)} files in the root (at most 9): {', '.join(sorted(found))}")
-    assert len(found) <= 9
+    results = [path.name for path in PACKAGE.iterdir() if path.is_file() and path.suffix != ".so"]
+    print(f"{len(results)} files in the root (at most 9): {', '.join(sorted(results))}")
+    assert len(results) <= 9
 
 
 def test_no_module_shares_a_name_with_a_public_function() -> None:
@@ -200,10 +200,10 @@ def test_an_upward_import_is_caught(tmp_path: Path) -> None:
         "    import accelcal.cli\n"
         "    from accelcal import plots\n"
     )
-    found = set(imported(path))
-    assert found == {"estimation.estimate", "cli", "plots"}
-    assert len(upward("data.units", found)) == 3
-    assert upward("__main__", found) == []
+    names = set(imported(path))
+    assert names == {"estimation.estimate", "cli", "plots"}
+    assert len(upward("data.units", names)) == 3
+    assert upward("__main__", names) == []
 
 
 def test_a_cycle_is_caught() -> None:

@@ -17,8 +17,8 @@ from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 
 def record(path: Path, rig: ac.Rig, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    made = ac.simulate("tones", seconds=12.0, rig=rig, parameters={"bias": 0.05}, rng=rng)
-    write_recording(made.recording, path)
+    simulation = ac.simulate("tones", seconds=12.0, rig=rig, parameters={"bias": 0.05}, rng=rng)
+    write_recording(simulation.recording, path)
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +61,10 @@ def ended(folder, monkeypatch, capsys):
     ids=lambda words: words[0],
 )
 def test_a_recording_of_another_sensor_is_refused(ended, command):
-    code, printed, said = ended(*command)
+    code, printed, message = ended(*command)
     assert (code, printed) == (3, "")
-    assert 'other.csv: sensor.model is "CXL02TG3" but that of ' in said
-    assert 'is "ADXL105"; expected one sensor' in said
+    assert 'other.csv: sensor.model is "CXL02TG3" but that of ' in message
+    assert 'is "ADXL105"; expected one sensor' in message
 
 
 def test_a_sensor_that_is_declared_on_one_side_only_is_not_compared(ended, folder):
@@ -75,9 +75,9 @@ def test_a_sensor_that_is_declared_on_one_side_only_is_not_compared(ended, folde
 
 @pytest.mark.parametrize("command", [["fit", "run.csv", "copy.csv"], ["improve", "run.csv", "--holdout", "copy.csv"]])
 def test_the_same_recording_twice_is_refused(ended, command):
-    code, printed, said = ended(*command)
+    code, printed, message = ended(*command)
     assert (code, printed) == (3, "")
-    assert said == "accelcal: copy.csv is run.csv once more: its readings would count twice. Give it once\n"
+    assert message == "accelcal: copy.csv is run.csv once more: its readings would count twice. Give it once\n"
 
 
 @pytest.mark.parametrize(
@@ -96,10 +96,10 @@ def test_the_same_recording_twice_is_refused(ended, command):
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_a_value_that_makes_no_sense_is_named(ended, command, code, expected):
-    found, printed, said = ended(*command)
-    assert (found, printed) == (code, "")
-    assert expected in said
-    assert said.count("\n") == 1
+    result, printed, message = ended(*command)
+    assert (result, printed) == (code, "")
+    assert expected in message
+    assert message.count("\n") == 1
 
 
 def test_a_fit_repeats_what_reading_warned_of(ended, folder):

@@ -40,8 +40,8 @@ def tumble() -> ac.Dwells:
 
 @pytest.fixture(scope="module")
 def objects() -> dict[str, Any]:
-    made, other, dwells = simulated(1), simulated(2).recording, tumble()
-    run = made.recording
+    simulation, other, dwells = simulated(1), simulated(2).recording, tumble()
+    run = simulation.recording
     fit = ac.fit(run)
     on_dwells = ac.fit(dwells)
     state = solve_runs(ac.Model.linear(), [run]).states[0]
@@ -71,10 +71,10 @@ def objects() -> dict[str, Any]:
         "RestNoise": ac.rest(run),
         "Rig": run.rig,
         "Sensor": run.rig.sensor,
-        "Simulated": made,
+        "Simulated": simulation,
         "Step": improvement.steps[-1],
         "Track": track(fit, run),
-        "Truth": made.truth,
+        "Truth": simulation.truth,
         "Uncertainty": Uncertainty(level=1e-3),
     }
 
@@ -127,10 +127,10 @@ def test_every_public_class_that_holds_data_is_tried(objects: dict[str, Any]) ->
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_object_is_pickled_and_copied(objects: dict[str, Any], kind: str) -> None:
-    one = objects[kind]
-    for again in (pickle.loads(pickle.dumps(one)), copy.copy(one), copy.deepcopy(one)):
-        assert same(again, one)
-        assert kind not in EQUAL or again == one
+    subject = objects[kind]
+    for again in (pickle.loads(pickle.dumps(subject)), copy.copy(subject), copy.deepcopy(subject)):
+        assert same(again, subject)
+        assert kind not in EQUAL or again == subject
 
 
 @pytest.mark.parametrize("kind", ["Comparison", "Diagnosis", "Evaluation", "Fit", "Power"])
@@ -170,19 +170,19 @@ SHOWN = tuple(kind for kind in KINDS if issubclass(getattr(ac, kind.partition(" 
 
 @pytest.mark.parametrize("kind", SHOWN)
 def test_a_result_shows_itself_in_html_and_as_text(objects: dict[str, Any], kind: str) -> None:
-    one = objects[kind]
-    assert "<p " in one._repr_html_()
-    assert len(str(one).splitlines()) >= 2
+    subject = objects[kind]
+    assert "<p " in subject._repr_html_()
+    assert len(str(subject).splitlines()) >= 2
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "Names"])
 def test_a_field_cannot_be_set_and_the_error_says_what_to_do(objects: dict[str, Any], kind: str) -> None:
-    one = objects[kind]
-    field = dataclasses.fields(one)[0].name
+    subject = objects[kind]
+    field = dataclasses.fields(subject)[0].name
     with pytest.raises(dataclasses.FrozenInstanceError, match=field):
-        setattr(one, field, None)
+        setattr(subject, field, None)
     with pytest.raises((dataclasses.FrozenInstanceError, AttributeError), match="nonsense"):
-        one.nonsense = 1
+        subject.nonsense = 1
 
 
 def test_an_effect_of_nobodys_catalogue_is_not_pickled(objects: dict[str, Any]) -> None:
@@ -214,11 +214,11 @@ MODULES = (
 
 @pytest.mark.parametrize("module", MODULES)
 def test_a_module_lists_its_public_names_alone(module: str) -> None:
-    found = importlib.import_module(f"accelcal.{module}")
-    listed = dir(found)
+    result = importlib.import_module(f"accelcal.{module}")
+    listed = dir(result)
     assert listed
     for name in listed:
-        value = getattr(found, name)
+        value = getattr(result, name)
         assert not name.startswith("_")
         assert str(getattr(value, "__module__", "accelcal")).startswith("accelcal"), name
 

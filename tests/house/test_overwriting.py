@@ -53,9 +53,9 @@ def test_a_measurement_is_not_replaced_by_a_command(tmp_path: Path) -> None:
         ("plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "5 m/s^2", "-o", "run.csv"),
         ("response", "other.csv", "--csv", "run.csv"),
     ):
-        said = accelcal(tmp_path, *words, code=2)
-        assert f"accelcal {words[0]} did not write run." in said
-        assert said.endswith("give another name, or --force to replace what is there\n")
+        message = accelcal(tmp_path, *words, code=2)
+        assert f"accelcal {words[0]} did not write run." in message
+        assert message.endswith("give another name, or --force to replace what is there\n")
         assert contents(tmp_path) == before
     accelcal(tmp_path, *SIMULATED, "--force")
     assert writer_of(tmp_path / "run.csv") == "simulate"

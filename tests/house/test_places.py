@@ -22,7 +22,7 @@ PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", 
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     simulated = ac.simulate(
         "tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
@@ -33,8 +33,8 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def here(made, tmp_path, monkeypatch):
-    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+def here(files, tmp_path, monkeypatch):
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
     (tmp_path / "folder").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path

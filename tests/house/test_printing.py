@@ -44,33 +44,33 @@ def test_a_table_that_is_wider_than_the_terminal_keeps_every_number(capsys):
 
 
 def test_a_fit_is_printed_with_units_and_the_sums_that_its_parameters_estimate(recording, capsys):
-    found = estimate(ac.Model.cubic(), recording)
-    show_fit(found, recording)
-    said = capsys.readouterr().out
-    for parameter in found.estimates:
-        row = next(line for line in said.splitlines() if line.startswith(parameter.name))
+    fit = estimate(ac.Model.cubic(), recording)
+    show_fit(fit, recording)
+    out = capsys.readouterr().out
+    for parameter in fit.estimates:
+        row = next(line for line in out.splitlines() if line.startswith(parameter.name))
         assert parameter.unit == "1" or parameter.unit in row.split()
         assert "…" not in row
-    assert "K0 + g0 tilt + g0 misalignment" not in said  # that of the rig, once and on request
-    said = " ".join(said.split())
-    assert re.search(r"Noise: [\d.]+ ± [\d.]+ µg/√Hz, encoder [\d.]+ ± [\d.]+ µm", said)
+    assert "K0 + g0 tilt + g0 misalignment" not in out  # that of the rig, once and on request
+    out = " ".join(out.split())
+    assert re.search(r"Noise: [\d.]+ ± [\d.]+ µg/√Hz, encoder [\d.]+ ± [\d.]+ µm", out)
 
 
 def test_a_fit_is_one_screen_and_the_rig_is_explained_on_request(recording, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     declared = dataclasses.replace(recording, rig=dataclasses.replace(recording.rig, assumptions=("it is level",)))
-    found = estimate(ac.Model.cubic(), declared)
-    show_fit(found, declared)
+    fit = estimate(ac.Model.cubic(), declared)
+    show_fit(fit, declared)
     brief = capsys.readouterr().out.splitlines()
     assert len(brief) <= 20  # of 24: two lines follow, what was written and the next step
     assert max(map(len, brief)) <= 100
     assert not any("it is level" in line for line in brief)
     token = writing.set(Writing(explain=True))
-    show_fit(found, declared)
+    show_fit(fit, declared)
     writing.reset(token)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "Assumed: it is level." in said
-    assert "K0 + g0 tilt + g0 misalignment" in said
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Assumed: it is level." in text
+    assert "K0 + g0 tilt + g0 misalignment" in text
 
 
 @pytest.mark.parametrize("text", ["i.json is better", "data/a.csv: cut", "scale_step: none"])
@@ -100,12 +100,12 @@ def test_motion_beyond_the_trained_range_is_one_line():
 
 
 def test_the_loop_prints_what_it_found_with_its_uncertainty(recording, capsys):
-    found = improve(recording)
-    show_improvement(found)
-    said = capsys.readouterr().out
-    assert found.effects[0] in " ".join(said.split())[:300]
-    row = next(line for line in said.splitlines() if line.startswith(found.effects[0]) and "±" in line)
-    assert found.diagnosis.fit[found.effects[0]].unit in row
+    improvement = improve(recording)
+    show_improvement(improvement)
+    out = capsys.readouterr().out
+    assert improvement.effects[0] in " ".join(out.split())[:300]
+    row = next(line for line in out.splitlines() if line.startswith(improvement.effects[0]) and "±" in line)
+    assert improvement.diagnosis.fit[improvement.effects[0]].unit in row
 
 
 @given(value=st.floats(-1e3, 1e3), std=st.floats(1e-6, 1e2))

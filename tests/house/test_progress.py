@@ -33,7 +33,7 @@ class Record:
         self.run = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         self.steps: list[Fit] = []
         self.shares: list[float] = []
-        self.found = ac.improve(self.run, most=1, progress=self.shares.append, on_step=self.steps.append)
+        self.improvement = ac.improve(self.run, most=1, progress=self.shares.append, on_step=self.steps.append)
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +94,6 @@ def test_a_search_that_is_ended_leaves_its_newest_model(record: Record, tmp_path
 
 
 def test_a_part_of_the_work_is_a_part_of_the_whole() -> None:
-    seen: list[float] = []
-    within(seen.append, 0.2, 0.6)(0.5)
-    assert seen == pytest.approx([0.4])
+    shares: list[float] = []
+    within(shares.append, 0.2, 0.6)(0.5)
+    assert shares == pytest.approx([0.4])

@@ -26,8 +26,8 @@ def test_the_python_example_runs_prints_a_falling_error_and_draws_the_figure(tmp
     done = python("-c", example, cwd=tmp_path, check=True)
     size = r"([\d.]+) (m?µ?g) \([^)]+\)"
     pattern = rf"Systematic error of the output below [\d.]+ Hz: {size} → (?:≤ )?{size} rms; limit of detection {size}"
-    (found,) = re.findall(pattern, " ".join(done.stdout.split()))
-    before, after, floor = (float(found[i]) * {"mg": 1e3, "µg": 1.0}[found[i + 1]] for i in (0, 2, 4))
+    (result,) = re.findall(pattern, " ".join(done.stdout.split()))
+    before, after, floor = (float(result[i]) * {"mg": 1e3, "µg": 1.0}[result[i + 1]] for i in (0, 2, 4))
     print(f"systematic error {before:.3g} -> {after:.3g} µg, limit of detection {floor:.3g} µg")
     assert after < before / 3.0
     assert after < 1.5 * floor

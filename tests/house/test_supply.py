@@ -25,14 +25,14 @@ OF_DEVELOPERS = {"docs", "peers", "dev"}
 
 def declared(requirements: list[str]) -> dict[str, Requirement]:
     """Requirements on other packages by name."""
-    found = [Requirement(text) for text in requirements]
-    return {canonicalize_name(each.name): each for each in found if each.name != "accelcal"}
+    results = [Requirement(text) for text in requirements]
+    return {canonicalize_name(item.name): item for item in results if item.name != "accelcal"}
 
 
 def of_users() -> dict[str, Requirement]:
     """What the package and the extras of its users declare."""
-    extras = [each for name, each in PROJECT["optional-dependencies"].items() if name not in OF_DEVELOPERS]
-    return declared([*PROJECT["dependencies"], *(text for each in extras for text in each)])
+    extras = [extra for name, extra in PROJECT["optional-dependencies"].items() if name not in OF_DEVELOPERS]
+    return declared([*PROJECT["dependencies"], *(text for extra in extras for text in extra)])
 
 
 def imported(folder: Path) -> set[str]:
@@ -41,14 +41,14 @@ def imported(folder: Path) -> set[str]:
     for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
-                modules |= {each.name.partition(".")[0] for each in node.names}
+                modules |= {name.name.partition(".")[0] for name in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 modules.add(node.module.partition(".")[0])
             elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "optional":
                 modules.add(str(ast.literal_eval(node.args[0])).partition(".")[0])
-    known = packages_distributions()
+    distributions = packages_distributions()
     foreign = modules - set(sys.stdlib_module_names) - {"accelcal"}
-    return {canonicalize_name(known[module][0]) for module in foreign}
+    return {canonicalize_name(distributions[module][0]) for module in foreign}
 
 
 def test_what_is_imported_is_declared_and_no_more():
@@ -61,8 +61,8 @@ def test_an_import_that_is_not_declared_is_found(tmp_path):
 
 
 def test_every_requirement_has_a_lower_bound_and_no_cap():
-    for name, each in of_users().items():
-        assert [one.operator for one in each.specifier] == [">="], name
+    for name, item in of_users().items():
+        assert [part.operator for part in item.specifier] == [">="], name
 
 
 def argued(page: str) -> set[str]:
@@ -75,9 +75,9 @@ def argued(page: str) -> set[str]:
 
 def test_every_dependency_is_argued_on_the_page_of_decisions():
     extras = PROJECT["optional-dependencies"].values()
-    python = declared([*PROJECT["dependencies"], *(text for each in extras for text in each)])
+    python = declared([*PROJECT["dependencies"], *(text for manifest in extras for text in manifest)])
     manifests = [tomllib.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("crates/**/Cargo.toml")]
-    tables = [each.get(name, {}) for each in manifests for name in ("dependencies", "dev-dependencies")]
+    tables = [manifest.get(name, {}) for manifest in manifests for name in ("dependencies", "dev-dependencies")]
     crates = {name for table in tables for name in table if not name.startswith("ekf-")}
     page = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
     print(f"{len(python)} Python packages, {len(crates)} crates")
@@ -90,19 +90,19 @@ def test_the_versions_that_were_tested_are_listed():
         line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines() if line
     )
     tested = {canonicalize_name(name): version for name, version in listed.items()}
-    for name, each in of_users().items():
+    for name, item in of_users().items():
         assert name in tested, f"{name} has no tested version: make constraints"
-        assert each.specifier.contains(tested[name]), f"{name}: {tested[name]} was tested, {each} is declared"
+        assert item.specifier.contains(tested[name]), f"{name}: {tested[name]} was tested, {item} is declared"
 
 
 def test_the_licences_of_all_crates_in_the_wheel_are_there():
     command = [sys.executable, "tools/licences.py"]
-    made = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    stdout = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
     locked = (ROOT / "Cargo.lock").read_text(encoding="utf-8")
-    for name, version in re.findall(r"^([\w-]+) (\d\S+): ", made, flags=re.M):
+    for name, version in re.findall(r"^([\w-]+) (\d\S+): ", stdout, flags=re.M):
         assert f'name = "{name}"\nversion = "{version}"' in locked
-    assert "numpy 0" in made
-    assert "Redistributions in binary form must reproduce" in made
+    assert "numpy 0" in stdout
+    assert "Redistributions in binary form must reproduce" in stdout
     written = re.search(r"tools/licences.py > (\S+)\n.*maturin build", (ROOT / "Makefile").read_text(encoding="utf-8"))
     assert written
     assert any(fnmatch(written[1], pattern) for pattern in PROJECT["license-files"])

@@ -27,13 +27,13 @@ BUILT = {"target", "build", "dist", ".venv"}
 
 def unsafe_places(root: Path) -> dict[str, int]:
     """How often `unsafe` stands in each Rust file, but for comments and what was built."""
-    found = {}
+    results = {}
     for path in sorted(root.rglob("*.rs")):
         place = path.relative_to(root)
         count = len(UNSAFE.findall(COMMENT.sub("", path.read_text(encoding="utf-8"))))
         if count and not BUILT & set(place.parts):
-            found[place.as_posix()] = count
-    return found
+            results[place.as_posix()] = count
+    return results
 
 
 @pytest.mark.parametrize("path", SAFE)

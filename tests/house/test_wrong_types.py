@@ -103,8 +103,8 @@ WRONG: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_type_is_refused_in_a_sentence(run: ac.Recording, fit: ac.Fit, case: str) -> None:
-    call, said = WRONG[case]
-    with pytest.raises((TypeError, ValueError), match=said):
+    call, message = WRONG[case]
+    with pytest.raises((TypeError, ValueError), match=message):
         call(run, fit)
 
 
@@ -127,16 +127,16 @@ UNITS: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize("case", UNITS)
 def test_a_wrong_unit_or_shape_is_refused(case: str) -> None:
-    call, said = UNITS[case]
-    with pytest.raises(ValueError, match=said):
+    call, message = UNITS[case]
+    with pytest.raises(ValueError, match=message):
         call(np.arange(3.0))
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("g", 9.80665), ("mg", 9.80665e-3), ("m/s²", 1.0), ("mm/s^2", 1e-3)])
 def test_a_channel_converts_its_unit(unit: str, factor: float) -> None:
-    found = ac.Channel("accel", [0.0, 1.0], [1, 2], unit)
-    np.testing.assert_allclose(found.y, [factor, 2.0 * factor])
-    assert found.unit == "m/s^2"  # one spelling, by which an acceleration is known
+    result = ac.Channel("accel", [0.0, 1.0], [1, 2], unit)
+    np.testing.assert_allclose(result.y, [factor, 2.0 * factor])
+    assert result.unit == "m/s^2"  # one spelling, by which an acceleration is known
 
 
 def test_units_reach_the_fit(run: ac.Recording, fit: ac.Fit) -> None:

@@ -138,7 +138,7 @@ def _messages(columns: Columns, step: float, store: Any, ros1: bool) -> list[tup
         types["builtin_interfaces/msg/Time"],
     )
     name = "geometry_msgs/msg/AccelStamped"
-    found = []
+    results = []
     for topic, y in columns.items():
         for k, value in enumerate(y):
             ns = START + round(k * step * 1e9)
@@ -147,8 +147,8 @@ def _messages(columns: Columns, step: float, store: Any, ros1: bool) -> list[tup
             accel = types["geometry_msgs/msg/Accel"](
                 linear=vector(x=float(value), y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
             )
-            found.append((f"/{topic}", name, ns, types[name](header=head, accel=accel)))
-    return found
+            results.append((f"/{topic}", name, ns, types[name](header=head, accel=accel)))
+    return results
 
 
 def bag(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:
@@ -159,11 +159,11 @@ def bag(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> 
     store = get_typestore(Stores.ROS1_NOETIC)
     path.unlink(missing_ok=True)
     with Writer(path) as file:
-        known: dict[str, Any] = {}
+        declared: dict[str, Any] = {}
         for topic, name, stamp, message in _messages(columns, step, store, True):
-            if topic not in known:
-                known[topic] = file.add_connection(topic, name, typestore=store)
-            file.write(known[topic], stamp, store.serialize_ros1(message, name))
+            if topic not in declared:
+                declared[topic] = file.add_connection(topic, name, typestore=store)
+            file.write(declared[topic], stamp, store.serialize_ros1(message, name))
 
 
 def db3(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:
@@ -178,11 +178,11 @@ def db3(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> 
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "made"
         with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as file:
-            known: dict[str, Any] = {}
+            declared: dict[str, Any] = {}
             for topic, name, stamp, message in _messages(columns, step, store, False):
-                if topic not in known:
-                    known[topic] = file.add_connection(topic, name, typestore=store)
-                file.write(known[topic], stamp, store.serialize_cdr(message, name))
+                if topic not in declared:
+                    declared[topic] = file.add_connection(topic, name, typestore=store)
+                file.write(declared[topic], stamp, store.serialize_cdr(message, name))
         shutil.move(str(next(folder.glob("*.db3"))), path)
 
 

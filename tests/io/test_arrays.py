@@ -266,11 +266,11 @@ def test_an_output_in_volts_is_read_by_the_scale_of_its_data_sheet(tmp_path: Pat
     np.savetxt(path, columns, delimiter=",", header="t_s,accel_V,position_m", comments="")
     for run in (ac.Recording.from_arrays(t, volts, moved, units=units, rig=rig), ac.load(path, rig=rig)):
         np.testing.assert_allclose(run.accel.y, 9.80665 * np.sin(3.0 * t), atol=1e-9)
-    for name, said in (
+    for name, phrase in (
         ("accel", r'Sensor\(scale=.*, scale_unit="count".*of 1024 count/g it is 1024 / 9\.80665'),
         ("position", r"of 200 count/mm the array divided by 200, in mm"),
     ):
-        with pytest.raises(RecordingError, match=said):
+        with pytest.raises(RecordingError, match=phrase):
             ac.Recording.from_arrays(t, moved, moved, units={"accel": "m/s^2", "position": "m", name: "count"})
 
 

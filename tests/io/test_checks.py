@@ -49,11 +49,11 @@ def test_codes_behind_a_low_pass_that_are_written_several_times_are_found(held):
 def test_held_repeats_are_dropped_down_to_the_rate_of_the_sensor(logger, sensor, quantum):
     n = 20_000
     t = clock(n, logger)
-    seen = np.floor(t * sensor + 1e-9).astype(int)
-    fresh = noisy(seen[-1] + 1, quantum)
-    channel, findings = check(t, fresh[seen])
+    counts = np.floor(t * sensor + 1e-9).astype(int)
+    fresh = noisy(counts[-1] + 1, quantum)
+    channel, findings = check(t, fresh[counts])
     assert "held_repeats" in kinds(findings)
-    first = np.flatnonzero(np.diff(seen, prepend=-1))
+    first = np.flatnonzero(np.diff(counts, prepend=-1))
     assert np.mean(np.isin(first, np.searchsorted(t, channel.t))) > 0.95  # chance repeats cost some at quantum 0.1
     assert len(channel) == pytest.approx(len(first), rel=0.05)
 
@@ -137,9 +137,9 @@ def test_gaps_are_counted_and_the_longest_is_named(jitter):
     t = clock(1000) + jitter * 1e-3 * np.random.default_rng(0).uniform(-1, 1, 1000)
     y = noisy(1000)
     assert not check(t, y)[1]
-    kept = np.ones(1000, dtype=bool)
-    kept[100:105] = kept[500:600] = False
-    _, findings = check(t[kept], y[kept])
+    remaining = np.ones(1000, dtype=bool)
+    remaining[100:105] = remaining[500:600] = False
+    _, findings = check(t[remaining], y[remaining])
     assert kinds(findings) == ["gap"]
     assert findings[0].count == 2
     assert findings[0].first == pytest.approx(0.099, abs=1e-3)

@@ -40,9 +40,9 @@ print(json.dumps({
 def cost(path, how):
     run = [sys.executable, "-c", LOAD, str(path), how]
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    print(path.suffix, found)
-    return found
+    answer = json.loads(done.stdout)
+    print(path.suffix, answer)
+    return answer
 
 
 def table(n):
@@ -61,18 +61,18 @@ def table(n):
 def test_loading_a_csv_costs_little_more_than_reading_it(tmp_path):
     path = tmp_path / "run.csv"
     csv.write_csv(table(400_000), path)
-    found = cost(path, "beside a bare read")
-    assert found["samples"] == 400_000
-    assert found["ratio"] < 8.0  # checks, clocks of their own and the digest beside the bare parse
-    assert found["imported"] == []
+    result = cost(path, "beside a bare read")
+    assert result["samples"] == 400_000
+    assert result["ratio"] < 8.0  # checks, clocks of their own and the digest beside the bare parse
+    assert result["imported"] == []
 
 
 def test_one_hour_of_parquet_loads_in_700_megabytes(tmp_path):
     path = tmp_path / "run.parquet"
     parquet.write_table(table(6_000_000), path)
-    found = cost(path, "alone")
-    assert found["samples"] == 6_000_000
-    assert found["megabytes"] < 700  # the recording 192, the libraries 100, the table while it is split 300
+    result = cost(path, "alone")
+    assert result["samples"] == 6_000_000
+    assert result["megabytes"] < 700  # the recording 192, the libraries 100, the table while it is split 300
 
 
 def test_importing_io_imports_no_heavy_library():

@@ -132,12 +132,12 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("content", "said"), FAULTS, ids=[said for _, said in FAULTS])
-def test_fault_is_named_with_its_row_and_column(tmp_path, content, said):
+@pytest.mark.parametrize(("content", "message"), FAULTS, ids=[message for _, message in FAULTS])
+def test_fault_is_named_with_its_row_and_column(tmp_path, content, message):
     with pytest.raises(RecordingError) as error:
         load(tmp_path, content, need_position=False)
     assert str(tmp_path / "run.csv") in str(error.value)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_ten_megabytes_in_one_line_fail_fast_and_small(tmp_path):

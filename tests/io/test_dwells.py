@@ -38,7 +38,7 @@ def table(tmp_path):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def test_a_table_and_its_sidecar_are_read(table):
@@ -107,9 +107,9 @@ def test_what_is_wrong_in_a_table_is_reported(table, old, new, message):
 def test_temperatures_in_kelvin_are_noticed(table, kelvin, noticed):
     text = TABLE.replace("23.1", f"{23.1 + kelvin:.2f}").replace("23.2", f"{23.2 + kelvin:.2f}")
     table.write_text(text)
-    said = [sentence for sentence in ac.load_dwells(table).assumptions if "as if it were in kelvin" in sentence]
-    assert bool(said) is noticed
-    assert not noticed or "296.25 to 296.35" in said[0]
+    messages = [sentence for sentence in ac.load_dwells(table).assumptions if "as if it were in kelvin" in sentence]
+    assert bool(messages) is noticed
+    assert not noticed or "296.25 to 296.35" in messages[0]
 
 
 def test_a_table_without_a_unit_shows_what_to_write(table):
@@ -135,8 +135,8 @@ def test_what_is_wrong_in_a_sidecar_is_reported(table, text, message):
 
 def test_an_error_names_the_header_that_a_table_needs(table):
     table.write_text(TABLE.replace("attitude_deg,mean", "Winkel,U"))
-    said = run("fit", table).stderr
-    assert said.count("attitude_deg,mean,std,duration_s") == 1
+    stderr = run("fit", table).stderr
+    assert stderr.count("attitude_deg,mean,std,duration_s") == 1
     table.with_suffix(".toml").write_text("[channels]\naccel = { column = 'U', unit = 'm/s^2' }\n")
     assert "attitude_deg" not in run("fit", table).stderr
 
@@ -213,9 +213,9 @@ def long_record(path):
 def test_rests_of_a_long_record_become_a_table(tmp_path):
     path, out = tmp_path / "long.csv", tmp_path / "found.csv"
     t, y = long_record(path)
-    found = rests(t, y[:, None])
-    assert len(found) == 8
-    for k, (a, b) in enumerate(found):
+    result = rests(t, y[:, None])
+    assert len(result) == 8
+    for k, (a, b) in enumerate(result):
         assert 14.0 * k - 0.8 <= t[a] < 14.0 * k + 1.0  # at the top a turn begins and ends slowly
         assert 14.0 * k + 9.0 < t[b] < 14.0 * k + 10.8
     unasked = run("dwells", path, "-o", out)

@@ -84,12 +84,12 @@ def simulated_fit():
     from accelcal.model import Model
     from accelcal.simulation.sensor import CXL02_RIG, simulate
 
-    made = simulate("tones", seconds=10.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    return estimate(Model.linear(), made.recording)
+    simulation = simulate("tones", seconds=10.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    return estimate(Model.linear(), simulation.recording)
 
 
 @pytest.mark.parametrize(
-    ("entry", "key", "said"),
+    ("entry", "key", "text"),
     [
         ('lowpass = { kind = "cauer" }', "lowpass.kind", "found 'cauer', expected \"RC\" or"),
         ('lowpass = { kind = "butterworth", fc = "50 Hz" }', "lowpass", "fc and order are needed"),
@@ -133,8 +133,8 @@ def simulated_fit():
         ('lowpass = [{ fc = "9 Hz", tolerance = 0.1 }, { fc = "90 Hz" }]', "", "leave out tolerance"),
     ],
 )
-def test_a_mistake_names_file_key_and_what_was_expected(tmp_path, entry: str, key: str, said: str) -> None:
+def test_a_mistake_names_file_key_and_what_was_expected(tmp_path, entry: str, key: str, text: str) -> None:
     place = re.escape(".".join(filter(None, ("channels.accel", key))))
     with pytest.raises(RecordingError, match=rf"run\.toml: {place}: ") as error:
         read(tmp_path, f'[channels]\naccel = {{ column = "u", unit = "g", {entry} }}')
-    assert said in str(error.value)
+    assert text in str(error.value)

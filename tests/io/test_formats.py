@@ -219,12 +219,12 @@ def test_nan_in_parquet_is_not_a_missing_sample(tmp_path):
         io.load(path)
 
 
-@pytest.mark.parametrize("kept", [4, 50, 0.5, 0.99])
-def test_truncated_parquet_is_said(tmp_path, kept):
+@pytest.mark.parametrize("remaining", [4, 50, 0.5, 0.99])
+def test_truncated_parquet_is_said(tmp_path, remaining):
     path = tmp_path / "run.parquet"
     write_parquet(path, {"t_s": pa.array(T), "accel_g": pa.array(ACCEL), "position_m": pa.array(POSITION)})
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+    path.write_bytes(whole[: int(remaining * len(whole)) if isinstance(remaining, float) else remaining])
     with pytest.raises(RecordingError, match=r"this Parquet file is truncated or damaged .* copy or export it again"):
         io.load(path)
 
@@ -320,7 +320,7 @@ def test_nan_in_a_vector_means_not_sampled(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("run.csv", b"PAR1" + bytes(50), "the name ends in .csv but the content is Parquet; rename the file"),
         ("run.parquet", b"t_s,accel_g\n0,1\n", 'the name ends in .parquet but the file begins with "t_s,"'),
@@ -328,10 +328,10 @@ def test_nan_in_a_vector_means_not_sampled(tmp_path):
         ("run.csv", b"", "the file is empty"),
     ],
 )
-def test_name_and_content_must_agree(tmp_path, name, content, said):
+def test_name_and_content_must_agree(tmp_path, name, content, message):
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match=said):
+    with pytest.raises(RecordingError, match=message):
         io.load(path)
 
 

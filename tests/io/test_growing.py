@@ -49,8 +49,8 @@ def rows_of(path: Path) -> int:
     """Rows of a file that must be whole and the beginning of what was written."""
     table = parquet.ParquetFile(path, page_checksum_verification=True).read()
     n = table.num_rows
-    made = {name: np.concatenate([group(i)[name] for i in range(GROUPS)])[:n] for name in UNITS}
-    for name, y in made.items():
+    columns = {name: np.concatenate([group(i)[name] for i in range(GROUPS)])[:n] for name in UNITS}
+    for name, y in columns.items():
         assert np.array_equal(table[name].to_numpy(zero_copy_only=False), y, equal_nan=True), name
         assert table.schema.field(name).metadata == {b"unit": UNITS[name].encode()}
     assert n % ROWS == 0
@@ -75,7 +75,7 @@ def test_every_row_group_can_be_read_at_once(tmp_path: Path) -> None:
             file.append(group(i))
             assert rows_of(path) == ROWS * (i + 1) == file.rows
             assert parquet.ParquetFile(path).num_row_groups == file.groups
-    assert [each.name for each in tmp_path.iterdir()] == ["run.parquet"]
+    assert [item.name for item in tmp_path.iterdir()] == ["run.parquet"]
     assert rows_of(path) == ROWS * GROUPS
 
 
@@ -112,7 +112,7 @@ def test_a_kill_leaves_a_whole_file_and_the_next_writer_tidies_up(tmp_path: Path
     print(f"killed at moment {at} of {moments}: {rows} of {ROWS * GROUPS} rows")
     assert rows >= ROWS * int(share * GROUPS - 1)
     atomic_write(folder / "next.json", "{}")
-    assert {each.name for each in folder.iterdir()} <= {"run.parquet", "next.json"}
+    assert {item.name for item in folder.iterdir()} <= {"run.parquet", "next.json"}
     if path.exists():
         assert rows_of(path) == rows
 
@@ -150,7 +150,7 @@ def test_after_a_group_that_could_not_be_written_none_follows(
             file.append(group(1))
         assert rows_of(path) == ROWS == file.rows
     assert rows_of(path) == ROWS
-    assert [each.name for each in tmp_path.iterdir()] == ["run.parquet"]
+    assert [item.name for item in tmp_path.iterdir()] == ["run.parquet"]
 
 
 def test_a_folder_a_pipe_and_a_missing_folder_are_refused(tmp_path: Path) -> None:

@@ -34,10 +34,10 @@ def channels(time="s", accel="m/s^2", position="m", extra=""):
     )
 
 
-def refused(path, said, **options):
+def refused(path, message, **options):
     with pytest.raises(RecordingError) as error:
         io.load(path, **options)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 # What works
@@ -168,7 +168,7 @@ def test_units_that_agree_may_be_said_twice(write):
 
 
 @pytest.mark.parametrize(
-    ("content", "unit", "said"),
+    ("content", "unit", "message"),
     [
         ("t,accel_g,position\ns,mg,m\n" + ROWS, "g", 'the unit row says "mg" but run.toml says "g"'),
         (
@@ -178,13 +178,13 @@ def test_units_that_agree_may_be_said_twice(write):
         ),
     ],
 )
-def test_contradiction_names_both_sources(write, content, unit, said):
+def test_contradiction_names_both_sources(write, content, unit, message):
     declared = f', unit = "{unit}"' if unit else ""
     sidecar = (
         '[channels]\ntime = { column = "t", unit = "s" }\nposition = { column = "position", unit = "m" }\n'
         f'accel = {{ column = "{content.split(",")[1]}"{declared} }}\n'
     )
-    refused(write(content, sidecar), said)
+    refused(write(content, sidecar), message)
 
 
 @pytest.mark.parametrize("column", ["accel_g", "accel [g]"])
@@ -206,7 +206,7 @@ def test_missing_column_is_named_with_the_nearest(write):
 
 
 @pytest.mark.parametrize(
-    ("header", "said"),
+    ("header", "message"),
     [
         (
             "t_s,x_g,position_m",
@@ -216,8 +216,8 @@ def test_missing_column_is_named_with_the_nearest(write):
         ("x_s,accel_g,position_m", '# or, without a time column: rate = "1667 Hz"'),
     ],
 )
-def test_missing_channel_shows_the_lines_to_write(write, header, said):
-    refused(write(f"{header}\n{ROWS}"), said)
+def test_missing_channel_shows_the_lines_to_write(write, header, message):
+    refused(write(f"{header}\n{ROWS}"), message)
 
 
 def test_misspelt_channel_is_recognised(write):
@@ -239,7 +239,7 @@ def test_missing_unit_shows_the_line_to_write(write, channel):
 
 
 @pytest.mark.parametrize(
-    ("units", "said"),
+    ("units", "message"),
     [
         ({"accel": "furlong"}, 'column "accel": unknown unit "furlong"'),
         (
@@ -254,8 +254,8 @@ def test_missing_unit_shows_the_line_to_write(write, channel):
         ({"accel": "count"}, '[sensor]\n    scale = "1024 count/g"'),
     ],
 )
-def test_unit_that_cannot_serve_is_explained(write, units, said):
-    refused(write("t,accel,position\n" + ROWS, channels(**units)), said)
+def test_unit_that_cannot_serve_is_explained(write, units, message):
+    refused(write("t,accel,position\n" + ROWS, channels(**units)), message)
 
 
 def test_scale_in_counts_does_not_serve_a_channel_in_volts(write):
@@ -264,14 +264,14 @@ def test_scale_in_counts_does_not_serve_a_channel_in_volts(write):
 
 
 @pytest.mark.parametrize(
-    ("header", "said"),
+    ("header", "message"),
     [
         ("t_s,accel_g,acc_g", 'columns "accel_g" and "acc_g" can both be accel; write in'),
         ("t_s,time_ms,accel_g", 'columns "t_s" and "time_ms" can both be time; write in'),
     ],
 )
-def test_ambiguous_names_are_not_guessed(write, header, said):
-    refused(write(f"{header}\n{ROWS}"), said, need_position=False)
+def test_ambiguous_names_are_not_guessed(write, header, message):
+    refused(write(f"{header}\n{ROWS}"), message, need_position=False)
 
 
 def test_column_name_used_twice_is_refused(write):

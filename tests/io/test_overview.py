@@ -16,10 +16,10 @@ def recording(rate=1000.0, **options):
     t = np.arange(int(4 * rate)) / rate
     moving = (t >= 1) & (t < 2.5)
     position = np.where(moving, 0.01 * (1 - np.cos(2 * np.pi * 2 * (t - 1))), 0.0)
-    kept = (t < 3.2) | (t > 3.4)
+    remaining = (t < 3.2) | (t > 3.4)
     return Recording(
         accel=Channel("accel", t, np.where(moving, 2.0, 0.5), "m/s^2"),
-        position=Channel("position", t[kept], np.round(position, 6)[kept], "m"),
+        position=Channel("position", t[remaining], np.round(position, 6)[remaining], "m"),
         side={"temperature": Channel("temperature", t[:1], np.array([20.0]), "degC")},
         **({"rig": Rig(sensor=Sensor(range=4.0))} | options),
     )
@@ -27,8 +27,8 @@ def recording(rate=1000.0, **options):
 
 @pytest.mark.parametrize("resolution", [None, 1e-6])
 def test_rest_is_found_where_the_stage_stands(resolution):
-    found = rest(recording(rig=Rig(resolution=resolution)))
-    np.testing.assert_allclose(found, [(0.0, 1.0), (2.5, 4.0)], atol=0.1)  # judged on spans of 0.1 s
+    result = rest(recording(rig=Rig(resolution=resolution)))
+    np.testing.assert_allclose(result, [(0.0, 1.0), (2.5, 4.0)], atol=0.1)  # judged on spans of 0.1 s
 
 
 def test_a_shaker_at_a_high_frequency_is_not_at_rest():
@@ -87,12 +87,12 @@ def test_record_without_position_has_no_rest_to_judge():
 
 
 def test_description_gives_rates_spans_and_ranges_as_json():
-    found = json.loads(json.dumps(describe(recording())))
-    assert found["range_used"] == 0.5
-    position = found["channels"]["position"]
+    answer = json.loads(json.dumps(describe(recording())))
+    assert answer["range_used"] == 0.5
+    position = answer["channels"]["position"]
     assert position["rate_hz"] == pytest.approx(1000.0, rel=1e-9)
     assert position["longest_interval_s"] == pytest.approx(0.202, rel=1e-9)
-    assert found["channels"]["temperature"]["rate_hz"] is None
+    assert answer["channels"]["temperature"]["rate_hz"] is None
 
 
 def test_summary_says_warnings_before_notes_and_ends_with_assumptions():

@@ -12,8 +12,8 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 @pytest.fixture(scope="module")
 def whole():
-    made = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(5))
-    return made.recording
+    simulation = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(5))
+    return simulation.recording
 
 
 def test_part_and_the_rest_are_the_whole(whole):

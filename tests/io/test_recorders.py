@@ -23,7 +23,7 @@ COLUMNS = {"accel": ACCEL, "position": POSITION}
 UNITS = {"accel": "m/s^2", "position": "m"}
 DEFINED = {"bag", "db3"}
 """Formats whose message definitions state the units."""
-OF_SUFFIX = {suffix.removeprefix("."): each for each in FORMATS for suffix in each.suffixes}
+OF_SUFFIX = {suffix.removeprefix("."): item for item in FORMATS for suffix in item.suffixes}
 
 
 def declare(path, suffix, units):
@@ -44,9 +44,9 @@ def written(folder, suffix, units=UNITS):
 @pytest.mark.parametrize("suffix", RECORDERS)
 def test_a_file_of_its_own_library_is_read_to_the_bit(tmp_path, suffix):
     path = written(tmp_path, suffix)
-    found = open_table(path).read([named(suffix, channel) for channel in COLUMNS])
+    content = open_table(path).read([named(suffix, channel) for channel in COLUMNS])
     for channel, values in COLUMNS.items():
-        column = found[named(suffix, channel)]
+        column = content[named(suffix, channel)]
         assert column.present is None
         np.testing.assert_array_equal(column.values, values)
 
@@ -93,15 +93,15 @@ def test_a_truncated_file_is_refused_in_one_sentence(tmp_path, suffix):
     path = written(tmp_path, suffix)
     declare(path, suffix, {} if suffix not in NO_UNITS else UNITS)
     whole = path.read_bytes()
-    for kept in (0.97, 0.4):
-        path.write_bytes(whole[: int(kept * len(whole))])
+    for remaining in (0.97, 0.4):
+        path.write_bytes(whole[: int(remaining * len(whole))])
         with pytest.raises(RecordingError) as error:
             io.load(path)
-        said = str(error.value)
-        assert said.startswith(str(path))
-        assert said.count("\n") == 0
-        assert "truncated or damaged" in said or "cut off" in said or "begins with" in said
-        assert "Traceback" not in said
+        text = str(error.value)
+        assert text.startswith(str(path))
+        assert text.count("\n") == 0
+        assert "truncated or damaged" in text or "cut off" in text or "begins with" in text
+        assert "Traceback" not in text
 
 
 @pytest.mark.parametrize("suffix", RECORDERS)
@@ -129,7 +129,7 @@ def test_every_format_has_its_reader_and_its_row_on_the_page(file_format):
     source = (Path(decoding.__file__).parent / f"{file_format.reader}.py").read_text(encoding="utf-8")
     assert re.search(r"^def opened\(path: str\) -> Source:$", source, flags=re.MULTILINE)
     listed = re.findall(r"^\| [^|]+ \| (`\.[^|]+) \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    absent = {f"`{suffix}`" for suffix in file_format.suffixes} - {each for row in listed for each in row.split(", ")}
+    absent = {f"`{suffix}`" for suffix in file_format.suffixes} - {item for row in listed for item in row.split(", ")}
     assert not absent, f"no row of docs/your-data.md has {absent}"
 
 
@@ -180,9 +180,9 @@ def test_a_gap_between_records_remains_one(tmp_path):
     for second in (0, 10):
         traces.add_data("FDSN:XX_A__H_N_Z", np.arange(5, dtype=np.int32), "i", 10.0, starttime=second * 10**9)
     traces.to_file(path, encoding=DataEncoding.STEIM2)
-    found = open_table(path).read(["t", "XX_A__H_N_Z"])
-    np.testing.assert_allclose(found["t"].values, [*np.arange(5) / 10, *(10 + np.arange(5) / 10)], rtol=1e-15)
-    assert found["XX_A__H_N_Z"].values.tolist() == [0, 1, 2, 3, 4] * 2
+    content = open_table(path).read(["t", "XX_A__H_N_Z"])
+    np.testing.assert_allclose(content["t"].values, [*np.arange(5) / 10, *(10 + np.arange(5) / 10)], rtol=1e-15)
+    assert content["XX_A__H_N_Z"].values.tolist() == [0, 1, 2, 3, 4] * 2
 
 
 def test_starts_of_waveforms_are_kept_apart(tmp_path):

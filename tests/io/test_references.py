@@ -60,12 +60,12 @@ def test_an_angle_is_refused_in_a_sentence(tmp_path, moved):
 
 def test_a_reference_is_written_and_read_back(tmp_path):
     settings = {"seconds": 4.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
-    made = ac.simulate("tones", reference="velocity", **settings).recording
+    recording = ac.simulate("tones", reference="velocity", **settings).recording
     path = tmp_path / "run.csv"
-    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    io.write_sidecar(recording.rig, io.write_csv(recording, path), io.sidecar_of(path))
     again = io.load(path)
-    assert np.array_equal(again.reference.y, made.reference.y)
-    assert np.allclose(again.position.y, made.position.y, rtol=0.0, atol=1e-15)
+    assert np.array_equal(again.reference.y, recording.reference.y)
+    assert np.allclose(again.position.y, recording.position.y, rtol=0.0, atol=1e-15)
 
 
 def test_arrays_may_be_a_velocity(moved):
@@ -78,17 +78,17 @@ def test_arrays_may_be_a_velocity(moved):
 
 def test_a_live_filter_refuses_what_it_would_take_for_a_position():
     settings = {"seconds": 4.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
-    made = ac.simulate("tones", reference="velocity", **settings).recording
+    recording = ac.simulate("tones", reference="velocity", **settings).recording
     with pytest.raises(ac.RecordingError, match="reads positions, and here is velocity"):
-        ac.fit(made, method=ac.FilterChoice("aci", "linear"))
+        ac.fit(recording, method=ac.FilterChoice("aci", "linear"))
 
 
 def test_two_loggers_keep_the_reference(tmp_path):
     settings = {"seconds": 20.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
-    made = ac.simulate("interleaved", reference="velocity", **settings).recording
-    t, v = made.reference.t, made.reference.y
-    output = table(tmp_path / "output.csv", ("t_s", made.accel.t), ("accel_m_per_s2", made.accel.y))
+    recording = ac.simulate("interleaved", reference="velocity", **settings).recording
+    t, v = recording.reference.t, recording.reference.y
+    output = table(tmp_path / "output.csv", ("t_s", recording.accel.t), ("accel_m_per_s2", recording.accel.y))
     motion = table(tmp_path / "motion.csv", ("t_s", t + 3.0), ("velocity_m_per_s", v))
     run = io.load(output, position=motion)
     assert np.array_equal(run.reference.y, v)
-    assert run.accel.t[0] == pytest.approx(3.0 + made.accel.t[0], abs=2e-3)
+    assert run.accel.t[0] == pytest.approx(3.0 + recording.accel.t[0], abs=2e-3)

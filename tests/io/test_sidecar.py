@@ -52,27 +52,27 @@ def read(tmp_path, text):
 
 
 def test_complete_sidecar_is_read_in_si(tmp_path):
-    found = read(tmp_path, COMPLETE)
-    assert asdict(found.rig.sensor) == {
+    content = read(tmp_path, COMPLETE)
+    assert asdict(content.rig.sensor) == {
         **asdict(Sensor(model="ADXL105", serial="12", scale_unit="V", zero=2.5)),
         "noise": pytest.approx(225e-6 * G0, rel=1e-14),
         "range": pytest.approx(5 * G0, rel=1e-14),
         "scale": pytest.approx(0.25 / G0, rel=1e-14),
     }
-    assert asdict(found.rig.uncertainty) == {
+    assert asdict(content.rig.uncertainty) == {
         "encoder_scale": 1e-5,
         "reference_zero": None,
         "level": pytest.approx(math.radians(0.05)),
         "misalignment": pytest.approx(math.radians(0.1)),
         "clock_rate": pytest.approx(50e-6),
     }
-    assert found.rig.tolerance == pytest.approx(1e-3 * G0, rel=1e-14)
-    assert replace(found.rig, sensor=Sensor(), uncertainty=Uncertainty(), tolerance=None) == Rig(
+    assert content.rig.tolerance == pytest.approx(1e-3 * G0, rel=1e-14)
+    assert replace(content.rig, sensor=Sensor(), uncertainty=Uncertainty(), tolerance=None) == Rig(
         gravity_along_axis=0.0, trusted_clock="position", lowpass=LowPass(159.0, 0.0), resolution=1e-6
     )
-    assert found.time == Clock(column="t", unit="s")
-    assert found.channels["a_y"] == Source("a_y", "m/s^2")
-    assert list(found.channels) == ["accel", "position", "temperature", "a_y"]
+    assert content.time == Clock(column="t", unit="s")
+    assert content.channels["a_y"] == Source("a_y", "m/s^2")
+    assert list(content.channels) == ["accel", "position", "temperature", "a_y"]
 
 
 def test_every_key_is_optional_and_what_is_missing_is_said(tmp_path):
@@ -90,8 +90,8 @@ def test_every_key_is_optional_and_what_is_missing_is_said(tmp_path):
 
 def test_a_low_pass_without_tolerance_is_stated_to_be_exact(tmp_path):
     text = '[channels]\naccel = {{ column = "a", lowpass = {{ kind = "RC", fc = "159 Hz"{} }} }}\n'
-    said = [read(tmp_path, text.format(more)).rig.assumptions for more in ("", ", tolerance = 0.05")]
-    assert [any("its corner as exact" in s for s in remarks) for remarks in said] == [True, False]
+    messages = [read(tmp_path, text.format(more)).rig.assumptions for more in ("", ", tolerance = 0.05")]
+    assert [any("its corner as exact" in s for s in remarks) for remarks in messages] == [True, False]
 
 
 @pytest.mark.parametrize("value", ['"0 mg"', '"-1 mg"', '"1 mm"'])
@@ -101,12 +101,12 @@ def test_a_tolerance_that_is_no_acceleration_is_refused(tmp_path, value):
 
 
 def test_position_with_its_own_clock(tmp_path):
-    found = read(tmp_path, '[channels]\nposition = { column = "p", time = { column = "pt", unit = "ms" } }')
-    assert found.channels["position"] == Source("p", None, Clock("pt", "ms"))
+    content = read(tmp_path, '[channels]\nposition = { column = "p", time = { column = "pt", unit = "ms" } }')
+    assert content.channels["position"] == Source("p", None, Clock("pt", "ms"))
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[sensr]", 'sensr: unknown table; did you mean "sensor"?'),
         ("[zzz]", "zzz: unknown table; known keys here: sensor, rig, clock, channels, uncertainty"),
@@ -161,10 +161,10 @@ def test_position_with_its_own_clock(tmp_path):
         ("[rig]\naxis = up", "not valid TOML: Invalid value (at line 2, column 8); correct that line"),
     ],
 )
-def test_mistake_is_named_with_file_key_and_what_was_expected(tmp_path, text, said):
+def test_mistake_is_named_with_file_key_and_what_was_expected(tmp_path, text, message):
     with pytest.raises(RecordingError, match=re.escape(str(tmp_path / "run.toml"))) as error:
         read(tmp_path, text)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_sizes_of_effects_are_read_as_they_are_written(tmp_path):

@@ -32,14 +32,14 @@ def with_holes(t):
 def test_rounded_stamps_give_their_clock_back(rate, step, holes):
     t = with_holes(clock(rate)) if holes else clock(rate)
     rounded = step * np.rint(t / step)
-    channel, found = check(rounded)
-    assert found[ROUNDED].size == pytest.approx(step, rel=1e-9)
-    assert found[ROUNDED].jitter == 0.0
+    channel, result = check(rounded)
+    assert result[ROUNDED].size == pytest.approx(step, rel=1e-9)
+    assert result[ROUNDED].jitter == 0.0
     error = channel.t - t
     assert np.ptp(error) < 1e-3 * step  # the stamps err over a whole step
     # A period that is a multiple of a third of the step hides the third in which the clock lies; said as such.
-    assert abs(np.mean(error)) <= np.sqrt(3.0) * found[ROUNDED].common + 1e-3 * step
-    assert found[ROUNDED].common == pytest.approx(
+    assert abs(np.mean(error)) <= np.sqrt(3.0) * result[ROUNDED].common + 1e-3 * step
+    assert result[ROUNDED].common == pytest.approx(
         (1.0 - (2 / 3 if rate in (120.0, 30.0) else 1.0)) * step / 12**0.5, abs=2e-3 * step
     )
 
@@ -55,18 +55,18 @@ def test_nothing_is_said_of_stamps_that_are_not_rounded(kind):
         t = 1e-3 * np.rint(clock(200.0) / 1e-3)
     elif kind == "fine":
         t = 1e-5 * np.rint(t / 1e-5)
-    channel, found = check(t)
-    assert ROUNDED not in found
+    channel, result = check(t)
+    assert ROUNDED not in result
     np.testing.assert_array_equal(channel.t, t)
 
 
 def test_rounded_stamps_of_an_uneven_clock_are_kept_and_said():
     t = np.sort(clock(100.3) + 2e-3 * np.clip(np.random.default_rng(5).standard_normal(N), -2, 2))
     rounded = 1e-3 * np.rint(t / 1e-3)
-    channel, found = check(rounded)
+    channel, result = check(rounded)
     np.testing.assert_array_equal(channel.t, rounded)
-    assert found[ROUNDED].jitter == pytest.approx(1e-3 / 12**0.5)
-    assert np.std(rounded - t) == pytest.approx(found[ROUNDED].jitter, rel=0.03)
+    assert result[ROUNDED].jitter == pytest.approx(1e-3 / 12**0.5)
+    assert np.std(rounded - t) == pytest.approx(result[ROUNDED].jitter, rel=0.03)
     assert not uniform_clock(rounded).explains(stamp_grid(rounded))
 
 
@@ -75,15 +75,15 @@ def test_held_samples_get_the_instants_of_the_sensor(logger, sensor):
     t = clock(logger)
     renewed = np.floor((t - 3.1e-5) * sensor).astype(int)
     values = np.random.default_rng(6).standard_normal(renewed[-1] + 1)
-    channel, found = check(t, values[renewed], "accel")
-    assert found[HELD].size == pytest.approx(1.0 / logger)
-    said = re.search(r"renews its value at (\S+) Hz", found[HELD].text)
-    assert said
-    assert float(said[1]) == pytest.approx(sensor, rel=1e-4)
-    known = np.arange(renewed[0] + 1, renewed[-1] + 1)  # the first began before the record
-    np.testing.assert_array_equal(channel.y, values[known])
-    instants = 3.1e-5 + known / sensor
-    np.testing.assert_allclose(channel.t, instants, atol=np.sqrt(3.0) * found[HELD].common + 0.03 / logger)
+    channel, result = check(t, values[renewed], "accel")
+    assert result[HELD].size == pytest.approx(1.0 / logger)
+    match = re.search(r"renews its value at (\S+) Hz", result[HELD].text)
+    assert match
+    assert float(match[1]) == pytest.approx(sensor, rel=1e-4)
+    inner = np.arange(renewed[0] + 1, renewed[-1] + 1)  # the first began before the record
+    np.testing.assert_array_equal(channel.y, values[inner])
+    instants = 3.1e-5 + inner / sensor
+    np.testing.assert_allclose(channel.t, instants, atol=np.sqrt(3.0) * result[HELD].common + 0.03 / logger)
 
 
 def test_the_period_of_uneven_stamps_keeps_step_with_them():
@@ -97,15 +97,15 @@ def test_the_period_of_uneven_stamps_keeps_step_with_them():
 
 def test_held_samples_of_a_sensor_without_a_steady_clock_are_late_by_half_a_tick():
     t = clock(1000.3)
-    own = np.cumsum(2.5e-3 + 4e-4 * np.clip(np.random.default_rng(7).standard_normal(N), -2, 2))
-    renewed = np.searchsorted(own, t) - 1
+    stamps = np.cumsum(2.5e-3 + 4e-4 * np.clip(np.random.default_rng(7).standard_normal(N), -2, 2))
+    renewed = np.searchsorted(stamps, t) - 1
     values = np.random.default_rng(8).standard_normal(N)
     rows = renewed >= 0
-    channel, found = check(t[rows], values[renewed[rows]], "accel")
-    assert found[HELD].jitter == pytest.approx(found[HELD].size / 12**0.5)
-    late = channel.t - own[np.searchsorted(own, channel.t + 0.5 * found[HELD].size) - 1]
-    assert np.mean(late) == pytest.approx(0.0, abs=0.03 * found[HELD].size)
-    assert np.std(late) == pytest.approx(found[HELD].jitter, rel=0.05)
+    channel, result = check(t[rows], values[renewed[rows]], "accel")
+    assert result[HELD].jitter == pytest.approx(result[HELD].size / 12**0.5)
+    late = channel.t - stamps[np.searchsorted(stamps, channel.t + 0.5 * result[HELD].size) - 1]
+    assert np.mean(late) == pytest.approx(0.0, abs=0.03 * result[HELD].size)
+    assert np.std(late) == pytest.approx(result[HELD].jitter, rel=0.05)
 
 
 @pytest.mark.parametrize("decimals", [3, 6, 9])

@@ -154,9 +154,9 @@ def test_a_damaged_stamp_costs_one_row(declared: Sidecar) -> None:
 
 
 def test_missing_rows_show_in_the_stamps(declared: Sidecar) -> None:
-    kept = [i for i in range(1000) if i < 500 or i % 10]
+    remaining = [i for i in range(1000) if i < 500 or i % 10]
     reader = LineReader(declared, "device")
-    read(reader, b"".join(b"%d,1,1\n" % i for i in kept))
+    read(reader, b"".join(b"%d,1,1\n" % i for i in remaining))
     assert reader.counts.missing == 50
 
 
@@ -183,7 +183,7 @@ def test_the_last_line_counts_where_it_is_whole(declared: Sidecar) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "content", "said"),
+    ("text", "content", "message"),
     [
         ("", b"1,1,1\n", "has no unit; write in .*rig.toml"),
         (SIDECAR, b"t,acc,angle\n1,1,1\n", 'there is no column "enc"'),
@@ -197,9 +197,9 @@ def test_the_last_line_counts_where_it_is_whole(declared: Sidecar) -> None:
     ids=["no unit", "no column", "wrong unit", "rate"],
 )
 def test_columns_that_are_not_understood_are_refused_at_once(
-    tmp_path: Path, text: str, content: bytes, said: str
+    tmp_path: Path, text: str, content: bytes, message: str
 ) -> None:
-    with pytest.raises(RecordingError, match=said):
+    with pytest.raises(RecordingError, match=message):
         read(LineReader(sidecar(tmp_path, text), "device"), content)
 
 

@@ -96,11 +96,11 @@ def test_a_connection_gives_its_bytes_and_ends() -> None:
         thread.start()
         source = open_tcp("127.0.0.1", port)
         try:
-            found = b"".join(c for c in everything(Intake(source)) if c)
+            text = b"".join(c for c in everything(Intake(source)) if c)
         finally:
             source.close()
             thread.join(MOST)
-    assert found == b"".join(b"%d\n" % i for i in range(100)) + b"last\n"
+    assert text == b"".join(b"%d\n" % i for i in range(100)) + b"last\n"
 
 
 def test_a_port_gives_its_bytes_until_it_is_stopped() -> None:

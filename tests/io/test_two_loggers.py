@@ -33,13 +33,13 @@ class Motion:
         self.size = self.rng.uniform(0.2, 1.0, tones)[:, None]
 
     def channels(self, noise=0.02, step=1e-6, rate=1000.0, position_rate=500.0, sign=1.0):
-        own = np.arange(OFFSET - 15.0, OFFSET + SECONDS + 10.0, 1.0 / rate)
-        t = (own - OFFSET) / (1.0 + SKEW)
+        clock = np.arange(OFFSET - 15.0, OFFSET + SECONDS + 10.0, 1.0 / rate)
+        t = (clock - OFFSET) / (1.0 + SKEW)
         a = (self.size * np.sin(self.f * t + self.phase)).sum(axis=0)
         accel = sign * a + 0.05 + noise * self.rng.normal(size=len(t))
         read = 5.0 + np.arange(0.0, SECONDS, 1.0 / position_rate)
         x = -(self.size / self.f**2 * np.sin(self.f * read + self.phase)).sum(axis=0)
-        return Channel("accel", own, accel, "m/s^2"), Channel("position", read, np.round(x / step) * step, "m")
+        return Channel("accel", clock, accel, "m/s^2"), Channel("position", read, np.round(x / step) * step, "m")
 
 
 def true_shift(instant):
@@ -60,10 +60,10 @@ def test_offset_and_skew_lie_within_what_is_stated():
     for seed in range(24):
         motion = Motion(seed)
         noise, step = 10.0 ** motion.rng.uniform(-3.0, 0.0), 10.0 ** motion.rng.uniform(-6.5, -4.5)
-        found = align(*motion.channels(noise, step, *motion.rng.choice([333.0, 500.0, 1000.0], 2)))
-        scores.append((found.shift - true_shift(found.middle)) / found.std)
-        scores.append((found.skew - SKEW) / found.skew_std)
-        assert not found.is_ambiguous
+        result = align(*motion.channels(noise, step, *motion.rng.choice([333.0, 500.0, 1000.0], 2)))
+        scores.append((result.shift - true_shift(result.middle)) / result.std)
+        scores.append((result.skew - SKEW) / result.skew_std)
+        assert not result.is_ambiguous
     print(f"largest {max(map(abs, scores)):.2f}, rms {np.sqrt(np.mean(np.square(scores))):.2f} standard deviations")
     assert max(map(abs, scores)) < 4.0
     assert np.sqrt(np.mean(np.square(scores))) < 1.2
@@ -75,8 +75,8 @@ def test_the_fit_takes_the_rest(tmp_path):
     (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
     assert "two clocks: the stamps of the output are shifted by -37.2" in note.text
     assert "the next-best alignment" in note.text
-    found = accelcal.fit(recording, Model.linear().add("clock_skew"))
-    skew, late = found["clock_skew"], found["time_offset"]
+    fit = accelcal.fit(recording, Model.linear().add("clock_skew"))
+    skew, late = fit["clock_skew"], fit["time_offset"]
     assert abs(skew.value - SKEW) < 4.0 * skew.std
     shift = recording.accel.t[0] - (OFFSET - 15.0)
     begin = recording.position.t[0]
@@ -153,8 +153,8 @@ def test_a_peak_is_as_high_as_its_correlation():
 
 def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():
     motion = Motion(5)
-    found = align(*motion.channels(noise=0.2, rate=4000.0, position_rate=250.0))
-    assert abs(found.shift - true_shift(found.middle)) < 4.0 * found.std
+    result = align(*motion.channels(noise=0.2, rate=4000.0, position_rate=250.0))
+    assert abs(result.shift - true_shift(result.middle)) < 4.0 * result.std
 
 
 def test_a_larger_move_the_other_way_is_no_other_sign():
@@ -358,8 +358,8 @@ def test_what_sidecars_of_a_body_declare_is_in_the_joined_one(tmp_path):
     done = CliRunner().invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)])
     assert done.exit_code == 0, done.output
     for recording in (accelcal.load_axes(imu, position=cameras)[2], accelcal.load_axes(target)[2]):
-        said = {finding.text for finding in recording.findings}
-        assert {"of an earlier cut", "of the cameras"} <= said
+        messages = {finding.text for finding in recording.findings}
+        assert {"of an earlier cut", "of the cameras"} <= messages
         assert recording.rig.lowpass.cutoff == pytest.approx(60.0)
         assert recording.rig.sensor.scale is None  # a scale is of an output
         assert recording.prior_sizes == {"cubic": "1e-4 s^4/m^2"}
@@ -367,7 +367,7 @@ def test_what_sidecars_of_a_body_declare_is_in_the_joined_one(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("file", "line", "said"),
+    ("file", "line", "message"),
     [
         (
             "cameras",
@@ -380,12 +380,12 @@ def test_what_sidecars_of_a_body_declare_is_in_the_joined_one(tmp_path):
     ],
     ids=["output of the cameras", "further output", "further position", "input axis"],
 )
-def test_a_channel_of_a_body_that_stands_in_the_wrong_file_is_refused(tmp_path, file, line, said):
+def test_a_channel_of_a_body_that_stands_in_the_wrong_file_is_refused(tmp_path, file, line, message):
     imu, cameras = body_files(tmp_path)
     declared = tmp_path / f"{file}.toml"
     text = declared.read_text().replace(ATTITUDE, line + ATTITUDE) if file == "cameras" else declared.read_text() + line
     declared.write_text(text)
-    with pytest.raises(RecordingError, match=said):
+    with pytest.raises(RecordingError, match=message):
         accelcal.load_axes(imu, position=cameras)
     target = tmp_path / "joined.csv"
     assert CliRunner().invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)]).exit_code == 3
@@ -395,6 +395,6 @@ def test_a_channel_of_a_body_that_stands_in_the_wrong_file_is_refused(tmp_path, 
 def test_a_wrong_unit_in_two_files_is_cured_by_a_line_of_a_sidecar(tmp_path):
     accel, position = files(tmp_path, *Motion(3).channels())
     position.write_text(position.read_text().replace("position_um", "position_mm"))
-    said = suspicion(accelcal.load(accel, position=position))
-    assert 'Write [channels] position = { column = "position_mm", unit = "um" }' in said
-    assert "write [rig] ratio = " in said
+    message = suspicion(accelcal.load(accel, position=position))
+    assert 'Write [channels] position = { column = "position_mm", unit = "um" }' in message
+    assert "write [rig] ratio = " in message

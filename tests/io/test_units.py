@@ -81,7 +81,7 @@ def test_an_electrical_scale_is_read_either_way_up(text, kind, value, electrical
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "said"),
+    ("text", "kind", "message"),
     [
         ("0 V/g", "acceleration", 'expected one that is not zero such as "0.25 V/g"'),
         ("20 V", "length", 'no electrical scale factor; expected one that is not zero such as "20 V/m"'),
@@ -92,14 +92,14 @@ def test_an_electrical_scale_is_read_either_way_up(text, kind, value, electrical
         ("0 mm/V", "length", "no electrical scale factor"),
     ],
 )
-def test_what_is_no_electrical_scale_is_refused(text, kind, said):
+def test_what_is_no_electrical_scale_is_refused(text, kind, message):
     with pytest.raises(UnitError) as error:
         sensitivity(text, kind)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "said"),
+    ("text", "kind", "message"),
     [
         (5, "acceleration", '5 has no unit; expected an acceleration such as "5 g"'),
         ("5", "acceleration", '"5" has no unit; expected an acceleration such as "5 g"'),
@@ -120,10 +120,10 @@ def test_what_is_no_electrical_scale_is_refused(text, kind, said):
         ("1 __import__('os')", "length", "unknown unit"),
     ],
 )
-def test_error_says_what_was_expected(text, kind, said):
+def test_error_says_what_was_expected(text, kind, message):
     with pytest.raises(UnitError) as error:
         quantity(text, kind)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_g_is_gravity_and_kilogram_stays_a_mass():
@@ -155,11 +155,11 @@ def test_quantity_equals_number_times_conversion(number, unit):
 @given(st.text(max_size=80))
 def test_any_text_is_either_a_quantity_or_a_unit_error(text):
     try:
-        value, said = quantity(text, "acceleration"), ""
+        value, message = quantity(text, "acceleration"), ""
     except UnitError as error:
-        value, said = 0.0, str(error)
+        value, message = 0.0, str(error)
     assert math.isfinite(value)
-    assert not said or "expected" in said or "unknown unit" in said
+    assert not message or "expected" in message or "unknown unit" in message
 
 
 @pytest.mark.parametrize("unit", ["ms⁻²", "ms-2", "ms^-2", "m s^-2"])

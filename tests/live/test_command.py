@@ -104,12 +104,12 @@ def server(content: bytes, *, keep: bool, seconds: float = 0.0) -> Iterator[str]
             thread.join(MOST)
 
 
-def require_equal_to_record(folder: Path, end: dict[str, Any], made: Stream, name: str = "got.parquet") -> None:
+def require_equal_to_record(folder: Path, end: dict[str, Any], samples: Stream, name: str = "got.parquet") -> None:
     """The recording holds the rows, and the estimates are those of `filters.run` on it, bit for bit."""
     recording = load(folder / name)
     n = len(recording.accel)
-    assert np.array_equal(recording.accel.t, made.t[:n])
-    assert np.array_equal(recording.accel.y, made.u[:n])
+    assert np.array_equal(recording.accel.t, samples.t[:n])
+    assert np.array_equal(recording.accel.y, samples.u[:n])
     settings = settings_of(read_sidecar(folder / "rig.toml").rig)
     accel = Channel("accel", recording.accel.t, settings.stage_output(recording.accel.y), "m/s^2")
     x0, P0 = settings.start(float(recording.position.y[0]), 0.0)
@@ -124,27 +124,27 @@ def require_equal_to_record(folder: Path, end: dict[str, Any], made: Stream, nam
 
 
 def test_a_file_is_followed_recorded_and_equal_to_its_record(folder: Path) -> None:
-    made = stream(13.0)
-    (folder / "lines.txt").write_bytes(made.lines() + b"broken\n")
-    found = done(folder, "--file", "lines.txt", "-o", "got.parquet", "--json")
-    assert found.returncode == 0, found.stderr
-    end = last(found.stdout)
+    samples = stream(13.0)
+    (folder / "lines.txt").write_bytes(samples.lines() + b"broken\n")
+    result = done(folder, "--file", "lines.txt", "-o", "got.parquet", "--json")
+    assert result.returncode == 0, result.stderr
+    end = last(result.stdout)
     state = end["state"]
-    assert [state[key] for key in ("used", "broken", "out_of_order", "missing")] == [len(made.t), 1, 0, 0]
+    assert [state[key] for key in ("used", "broken", "out_of_order", "missing")] == [len(samples.t), 1, 0, 0]
     assert (state["alarms"], state["holds"], end["ended"]) == (0, True, "the source has ended")
-    require_equal_to_record(folder, end, made)
-    assert "wrote got.parquet" in found.stderr
+    require_equal_to_record(folder, end, samples)
+    assert "wrote got.parquet" in result.stderr
 
 
 def test_a_step_of_the_bias_raises_an_alarm_soon(folder: Path) -> None:
     for seed, step in ((1, 0.0), (2, 0.1)):  # without it none
         (folder / "lines.txt").write_bytes(stream(20.0, seed, step=step, at=12.0).lines())
-        found = done(folder, "--file", "lines.txt", "--json")
-        alarms = [content for line in found.stdout.splitlines() if (content := json.loads(line))["event"] == "alarm"]
+        result = done(folder, "--file", "lines.txt", "--json")
+        alarms = [content for line in result.stdout.splitlines() if (content := json.loads(line))["event"] == "alarm"]
         assert bool(alarms) == bool(step)
         if step:
             assert 12.0 < alarms[0]["alarm"]["t"] < 14.5
-            assert not last(found.stdout)["state"]["holds"] or len(alarms) >= 2
+            assert not last(result.stdout)["state"]["holds"] or len(alarms) >= 2
             plain = done(folder, "--file", "lines.txt")
             assert plain.stderr.count("alarm: t = ") >= 1
             assert "blocks of innovations raised an alarm" in plain.stdout
@@ -152,44 +152,44 @@ def test_a_step_of_the_bias_raises_an_alarm_soon(folder: Path) -> None:
 
 
 def test_a_server_is_followed_to_its_end(folder: Path) -> None:
-    made = stream(4.0)
-    with server(made.lines(), keep=False, seconds=1.0) as place:
-        found = done(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.2 s")
-    assert found.returncode == 0, found.stderr
-    assert len(found.stdout.splitlines()) >= 3
-    require_equal_to_record(folder, last(found.stdout), made)
+    samples = stream(4.0)
+    with server(samples.lines(), keep=False, seconds=1.0) as place:
+        result = done(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.2 s")
+    assert result.returncode == 0, result.stderr
+    assert len(result.stdout.splitlines()) >= 3
+    require_equal_to_record(folder, last(result.stdout), samples)
 
 
 def test_a_port_is_followed_until_it_breaks_off(folder: Path) -> None:
-    made = stream(3.0)
+    samples = stream(3.0)
     master, slave = pty.openpty()
     tty.setraw(slave)
     words = ("--serial", os.ttyname(slave), "--baud", "115200", "-o", "got.parquet", "--json", "--every", "0.1 s")
     child = started(folder, *words)
     assert child.stdout is not None
     assert child.stdout.readline()  # the port is open
-    content = b"the end of a line\n" + made.lines()
+    content = b"the end of a line\n" + samples.lines()
     while content:
         content = content[os.write(master, content[:1000]) :]
     began, used = time.monotonic(), 0
-    while used < len(made.t):
+    while used < len(samples.t):
         used = json.loads(child.stdout.readline())["state"]["used"]
         assert time.monotonic() < began + MOST, used
     os.close(slave)
     os.close(master)
-    said, errors = child.communicate(timeout=60)
+    message, errors = child.communicate(timeout=60)
     assert child.returncode == 0, errors
-    end = last(said)
+    end = last(message)
     assert end["state"]["broken"] == 1
     assert "broke off" in end["ended"]
-    require_equal_to_record(folder, end, made)
-    assert end["state"]["used"] == len(made.t)
+    require_equal_to_record(folder, end, samples)
+    assert end["state"]["used"] == len(samples.t)
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
 def test_a_signal_ends_it_with_a_summary_and_whole_files(folder: Path, sent: signal.Signals, code: int) -> None:
-    made = stream(6.0)
-    with server(made.lines(), keep=True, seconds=6.0) as place:
+    samples = stream(6.0)
+    with server(samples.lines(), keep=True, seconds=6.0) as place:
         child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
         assert child.stdout is not None
         first = [child.stdout.readline() for _ in range(8)]
@@ -200,15 +200,15 @@ def test_a_signal_ends_it_with_a_summary_and_whole_files(folder: Path, sent: sig
     assert "no file was left half-written" in errors
     end = last("".join(first) + rest)
     assert end["ended"] == "stopped"
-    assert 0 < end["state"]["used"] <= len(made.t)
-    require_equal_to_record(folder, end, made)
+    assert 0 < end["state"]["used"] <= len(samples.t)
+    require_equal_to_record(folder, end, samples)
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
 
 
 @pytest.mark.parametrize("moment", [0.5, 1.7, 3.2])
 def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) -> None:
-    made = stream(12.0)
-    with server(made.lines(), keep=True, seconds=12.0) as place:
+    samples = stream(12.0)
+    with server(samples.lines(), keep=True, seconds=12.0) as place:
         child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
         assert child.stdout is not None
         while not (folder / "got.parquet").exists():
@@ -221,14 +221,14 @@ def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) ->
     n = len(recording.accel)
     print(f"killed {moment:g} s after the first: {n} rows in {file.num_row_groups} row groups")
     assert n > 0
-    assert np.array_equal(recording.accel.y, made.u[:n])
+    assert np.array_equal(recording.accel.y, samples.u[:n])
     fitted = accelcal("check", "got.parquet", cwd=folder)
     assert fitted.returncode == 0, fitted.stderr
 
 
 def test_an_output_that_nobody_reads_ends_it_with_a_whole_recording(folder: Path) -> None:
-    made = stream(6.0)
-    with server(made.lines(), keep=True, seconds=6.0) as place:
+    samples = stream(6.0)
+    with server(samples.lines(), keep=True, seconds=6.0) as place:
         child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
         assert child.stdout is not None
         for _ in range(5):
@@ -238,7 +238,7 @@ def test_an_output_that_nobody_reads_ends_it_with_a_whole_recording(folder: Path
     assert child.stderr is not None
     assert child.stderr.read() == ""
     recording = load(folder / "got.parquet")
-    assert np.array_equal(recording.accel.y, made.u[: len(recording.accel)])
+    assert np.array_equal(recording.accel.y, samples.u[: len(recording.accel)])
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
 
 
@@ -257,13 +257,13 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     for seed, name in ((1, "one"), (2, "two")):
         rng = np.random.default_rng(seed)
-        made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
-        write_recording(made.recording, tmp_path / f"{name}.csv")
+        simulation = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(simulation.recording, tmp_path / f"{name}.csv")
     accelcal("fit", "one.csv", "-o", "m.json", cwd=tmp_path, check=True)
     words = ["--file", "two.csv", "--rig", "two.toml", "--model", "m.json", "--save", "m2.json", "--json"]
-    found = accelcal("live", *words, cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
-    assert last(found.stdout)["state"]["alarms"] == 0
+    result = accelcal("live", *words, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert last(result.stdout)["state"]["alarms"] == 0
     before, after = (
         {p["name"]: p for p in json.loads((tmp_path / name).read_text())["estimates"]} for name in ("m.json", "m2.json")
     )
@@ -294,7 +294,7 @@ def test_a_terminal_shows_a_screen(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("words", "code", "text"),
     [
         ((), 2, "give one of --serial"),
         (("--tcp", "a:1", "--file", "x"), 2, "give one of --serial"),
@@ -313,13 +313,13 @@ def test_a_terminal_shows_a_screen(folder: Path) -> None:
     ],
     ids=str,
 )
-def test_mistakes_end_in_one_sentence(folder: Path, words: tuple[str, ...], code: int, said: str) -> None:
+def test_mistakes_end_in_one_sentence(folder: Path, words: tuple[str, ...], code: int, text: str) -> None:
     (folder / "words.txt").write_text("no numbers\nat all\n1;2;3\n")
-    found = done(folder, *words)
-    assert found.returncode == code, found.stderr
-    assert said in " ".join(found.stderr.split())
-    assert "Traceback" not in found.stderr
-    assert found.stdout == ""
+    result = done(folder, *words)
+    assert result.returncode == code, result.stderr
+    assert text in " ".join(result.stderr.split())
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "words.txt"}
 
 
@@ -327,9 +327,9 @@ def test_mistakes_end_in_one_sentence(folder: Path, words: tuple[str, ...], code
 def test_an_earlier_recording_is_never_replaced(folder: Path, there: str, what: str) -> None:
     (folder / "lines.txt").write_bytes(stream(1.0).lines())
     (folder / there).write_bytes(b"earlier")
-    found = done(folder, "--file", "lines.txt", "-o", "got.parquet")
-    assert found.returncode == 2, found.stderr
-    assert f"{there}: there is a {what} already; give another name" in " ".join(found.stderr.split())
+    result = done(folder, "--file", "lines.txt", "-o", "got.parquet")
+    assert result.returncode == 2, result.stderr
+    assert f"{there}: there is a {what} already; give another name" in " ".join(result.stderr.split())
     assert (folder / there).read_bytes() == b"earlier"
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "lines.txt", there}
 
@@ -374,13 +374,13 @@ def guided(folder: Path, *words: str) -> subprocess.Popen[str]:
 def test_a_guided_session_ends_with_six_faces_and_their_fit(tmp_path: Path) -> None:
     """From a turning sensor on, with one face twice, which is no further position."""
     child = guided(tmp_path, "-", "-o", "positions.csv", "--json")
-    out, said = child.communicate("t,x,y,z\n" + turned([2, 0, 0, 5, 1, 3, 4], moving_first=True), timeout=MOST)
-    assert child.returncode == 0, said
+    out, message = child.communicate("t,x,y,z\n" + turned([2, 0, 0, 5, 1, 3, 4], moving_first=True), timeout=MOST)
+    assert child.returncode == 0, message
     content = json.loads(out)
     require_published(content)
     assert np.array(content["K"]) == pytest.approx(1.0 / SCALE, abs=3e-4)
     assert np.array(content["b"]) == pytest.approx(9.80665 * ZERO, abs=3e-3)
-    measured = [line for line in said.splitlines() if "is measured" in line]
+    measured = [line for line in message.splitlines() if "is measured" in line]
     assert [line.partition("; ")[2].partition("not yet: ")[2] for line in measured] == [
         "x up, y up, x down, y down, z down",
         "y up, x down, y down, z down",
@@ -416,18 +416,18 @@ def test_a_guided_session_goes_on_to_positions_in_between() -> None:
     for face in (*faces, near, *more):
         for count, size in ((100, 3.0), (200, 0.01)):
             y = 9.81 * face / np.linalg.norm(face) + size * rng.standard_normal((count, 3))
-            said = guide.feed(np.column_stack([t + np.arange(count) / 100.0, y]))
+            answer = guide.feed(np.column_stack([t + np.arange(count) / 100.0, y]))
             t += count / 100.0
         if face is near:
             assert len(guide.rests) == 6
-            assert not any("measured" in text for text in said)
+            assert not any("measured" in text for text in answer)
             assert "in between" in guide.next
     assert len(guide.rests) == 10
     assert not guide.next
 
 
 @pytest.mark.parametrize(
-    ("lines", "words", "code", "said"),
+    ("lines", "words", "code", "text"),
     [
         ("1,2\n3,4\n", (), 3, "no line could be used"),
         (turned([0, 1, 2, 3]), (), 3, "4 positions; .* no position has y down, z down; add them"),
@@ -435,10 +435,10 @@ def test_a_guided_session_goes_on_to_positions_in_between() -> None:
     ],
 )
 def test_mistakes_of_a_guided_session_end_in_one_sentence(
-    tmp_path: Path, lines: str, words: tuple[str, ...], code: int, said: str
+    tmp_path: Path, lines: str, words: tuple[str, ...], code: int, text: str
 ) -> None:
     child = guided(tmp_path, *(words or ("-",)))
     _, err = child.communicate(lines, timeout=MOST)
     assert child.returncode == code
-    assert re.search(said, err), err
+    assert re.search(text, err), err
     assert "Traceback" not in err

@@ -20,11 +20,11 @@ from .streams import BIAS, RIG, SCALE, Stream, stream as stream_of
 
 def outcomes(seeds: range, folder: Path) -> list[Outcome]:
     """What becomes of some streams, with a line that says it."""
-    found = [followed(seed, folder) for seed in seeds]
-    ended, lost = sum(bool(o.ended) for o in found), sum(o.lost > LONGEST_LOSS for o in found)
-    rows = f"{sum(o.used for o in found)} of {sum(o.intact for o in found)} intact rows used"
-    print(f"{len(found)} streams: {ended} ended, limit 0; {lost} lost more than {LONGEST_LOSS:g} s, limit 0; {rows}")
-    return found
+    results = [followed(seed, folder) for seed in seeds]
+    ended, lost = sum(bool(o.ended) for o in results), sum(o.lost > LONGEST_LOSS for o in results)
+    rows = f"{sum(o.used for o in results)} of {sum(o.intact for o in results)} intact rows used"
+    print(f"{len(results)} streams: {ended} ended, limit 0; {lost} lost more than {LONGEST_LOSS:g} s, limit 0; {rows}")
+    return results
 
 
 @pytest.mark.parametrize("part", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])

@@ -90,12 +90,12 @@ def test_what_is_said_to_run_on_a_stream_runs_and_its_estimate_moves(name: str) 
 @pytest.mark.parametrize("apart", [0.0, 1.3e-4], ids=["one row", "rows of their own"])
 def test_an_effect_is_found_on_a_stream_of_any_stamps(offset: float, apart: float) -> None:
     """Lost rows, jitter of the stamps, readings between outputs, outputs that are late; and a wave of the encoder."""
-    made, rng = stream(12.0, seed=5), np.random.default_rng(3)
-    jittered = made.t + 5e-5 * rng.standard_normal(len(made.t))
+    samples, rng = stream(12.0, seed=5), np.random.default_rng(3)
+    jittered = samples.t + 5e-5 * rng.standard_normal(len(samples.t))
     tones = ((2.0, 12.0), (5.0, 31.0))
     a = sum(size * np.sin(w * jittered) for size, w in tones)
     u = BIAS + (1.0 + SCALE) * a + NOISE * np.sqrt(RATE / 2.0) * rng.standard_normal(len(a))
-    read = made.t[::2] + apart
+    read = samples.t[::2] + apart
     p = -sum(size / w**2 * np.sin(w * read) for size, w in tones)
     z = p + RESOLUTION * (rng.random(len(p)) - 0.5) + 3e-6 * np.sin(2.0 * np.pi * p / 2e-3)
     t = np.concatenate([jittered + offset, read])
@@ -106,9 +106,9 @@ def test_an_effect_is_found_on_a_stream_of_any_stamps(offset: float, apart: floa
     model = Model.linear().freeze(time_offset=0.0).add("encoder_cyclic", shapes={"encoder_cyclic": {"period": 2e-3}})
     tracker = ModelTracker(replace(settings_with(model), offset=offset))
     innovations = fed(tracker, Rows(*rows))
-    found = {e.name: e for e in tracker.estimates}
+    results = {e.name: e for e in tracker.estimates}
     truth = {"bias": BIAS, "scale_factor": SCALE, "encoder_cyclic.sin": 3e-6, "encoder_cyclic.cos": 0.0}
-    errors = {name: (found[name].value - value) / found[name].std for name, value in truth.items()}
+    errors = {name: (results[name].value - value) / results[name].std for name, value in truth.items()}
     nis = float(np.mean(innovations[1, 200:] ** 2 / innovations[2, 200:]))
     print(f"offset {offset:g}, apart {apart:g}: errors {errors}, NIS {nis:.3f}, {tracker.refused} refused")
     assert tracker.refused == 0
@@ -117,27 +117,27 @@ def test_an_effect_is_found_on_a_stream_of_any_stamps(offset: float, apart: floa
 
 
 def test_a_hole_begins_the_motion_anew_and_keeps_the_coefficients() -> None:
-    made = stream(12.0, seed=6)
-    there = (made.t < 5.0) | (made.t > 6.3)
+    samples = stream(12.0, seed=6)
+    there = (samples.t < 5.0) | (samples.t > 6.3)
     model = Model.linear().freeze(time_offset=0.0).add("velocity")
     tracker = ModelTracker(settings_with(model))
-    innovations = fed(tracker, Rows(made.t[there], made.u[there], made.z[there]))
+    innovations = fed(tracker, Rows(samples.t[there], samples.u[there], samples.z[there]))
     t, e, variance = innovations
     behind = e[t > 6.4] / np.sqrt(variance[t > 6.4])
     assert tracker.refused == 0
     assert np.mean(np.square(behind)) < 1.3
-    found = {e.name: e for e in tracker.estimates}
+    results = {e.name: e for e in tracker.estimates}
     for name, truth in {"bias": BIAS, "scale_factor": SCALE}.items():
-        assert abs(found[name].value - truth) < 5.0 * found[name].std, (found[name], truth)
+        assert abs(results[name].value - truth) < 5.0 * results[name].std, (results[name], truth)
 
 
 def test_behind_an_output_that_is_refused_innovations_are_as_expected() -> None:
-    made = stream(6.0, seed=9)
-    u = made.u.copy()
+    samples = stream(6.0, seed=9)
+    u = samples.u.copy()
     u[6001:6009] = 1e8  # one alone is left out before the filter
     tracker = ModelTracker(settings_with(Model.linear().freeze(time_offset=0.0).add("velocity")))
-    t, e, variance = fed(tracker, Rows(made.t, u, made.z))
-    behind = t > made.t[6001]
+    t, e, variance = fed(tracker, Rows(samples.t, u, samples.z))
+    behind = t > samples.t[6001]
     nis = float(np.mean(e[behind] ** 2 / variance[behind]))
     print(f"{tracker.refused} refused, {behind.sum()} readings behind it, NIS {nis:.3f}, at most 1.3")
     assert tracker.refused > 0
@@ -146,28 +146,28 @@ def test_behind_an_output_that_is_refused_innovations_are_as_expected() -> None:
 
 
 def test_readings_without_an_output_do_not_pile_up() -> None:
-    made = stream(8.0, seed=4)
-    none = np.full_like(made.t, np.nan)
+    samples = stream(8.0, seed=4)
+    none = np.full_like(samples.t, np.nan)
     for first in (0, 20):
-        u = np.where((np.arange(len(made.t)) < first) | (made.t >= 4.0), made.u, none)
-        temperature = np.where(np.arange(len(made.t)) % 10 == 0, 25.0, none)
+        u = np.where((np.arange(len(samples.t)) < first) | (samples.t >= 4.0), samples.u, none)
+        temperature = np.where(np.arange(len(samples.t)) % 10 == 0, 25.0, none)
         tracker, most = ModelTracker(settings_with(model_with("temperature_bias"))), 0
-        for rows in np.array_split(np.stack([made.t, u, made.z, temperature], axis=1), 200):
+        for rows in np.array_split(np.stack([samples.t, u, samples.z, temperature], axis=1), 200):
             tracker.feed(Rows(*rows.T[:3], {"temperature": rows[:, 3]}))
             most = max(most, len(tracker._ahead), len(tracker._readings))
         tracker.finish()
         print(f"{first} outputs first: at most {most} events wait")
         assert most < 400
         assert tracker.refused == 0
-        assert tracker.readings == np.isfinite(made.z).sum()
+        assert tracker.readings == np.isfinite(samples.z).sum()
         assert tracker.outputs == np.isfinite(u).sum()
 
 
 @pytest.fixture(scope="module")
 def cubic() -> Fit:
     truth = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
-    made = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
-    return ac.fit(made.recording, ac.Model.linear().add("cubic"))
+    simulation = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
+    return ac.fit(simulation.recording, ac.Model.linear().add("cubic"))
 
 
 def test_nothing_is_shown_that_is_not_estimated(cubic: Fit) -> None:
@@ -249,8 +249,8 @@ def test_what_belongs_to_the_fitted_record_is_estimated_anew(cubic: Fit) -> None
     assert settings.model.priors["bias_step"] == Prior(0.0, find("bias_step").prior.scale)
     assert settings.remarks[0].startswith("bias_step: its clock is that of the fitted record")
     tracker = ModelTracker(settings)
-    made = stream(3.0)
-    fed(tracker, Rows(made.t, made.u, made.z))
+    samples = stream(3.0)
+    fed(tracker, Rows(samples.t, samples.u, samples.z))
     saved = tracker.fitted(fitted)
     assert saved["bias_step"] == fitted["bias_step"]
     assert saved["bias"] != fitted["bias"]
@@ -298,10 +298,12 @@ def test_what_no_stream_brings_is_refused_by_name(cubic: Fit) -> None:
 def warm(tmp_path: Path) -> Path:
     """Two recordings with temperature, and a sidecar that declares one channel that no model needs."""
     for seed, name in ((1, "one"), (2, "two")):
-        made, rng = stream(20.0, seed=seed), np.random.default_rng(seed)
-        T = 25.0 + 4.0 * np.sin(0.5 * made.t + seed)
-        u = made.u + 0.02 * (T - 25.0)
-        rows = zip(made.t, u, made.z, T + 1e-3 * rng.standard_normal(len(T)), rng.standard_normal(len(T)), strict=True)
+        samples, rng = stream(20.0, seed=seed), np.random.default_rng(seed)
+        T = 25.0 + 4.0 * np.sin(0.5 * samples.t + seed)
+        u = samples.u + 0.02 * (T - 25.0)
+        rows = zip(
+            samples.t, u, samples.z, T + 1e-3 * rng.standard_normal(len(T)), rng.standard_normal(len(T)), strict=True
+        )
         lines = (f"{t!r},{u!r},{'' if z != z else repr(1e3 * z)},{T!r},{y!r}" for t, u, z, T, y in map(list, rows))
         lines = (line.replace("np.float64(", "").replace(")", "") for line in lines)
         (tmp_path / f"{name}.csv").write_text("\n".join(["t,accel,position,T,supply", *lines]) + "\n")

@@ -38,8 +38,8 @@ def followed(noise: float, rate: float, resolution: float, seconds: float, seed:
 def test_the_scale_factor_is_within_its_uncertainty(noise, rate, resolution, seconds) -> None:
     """The paper's sensor, one at 50 Hz, a noisy one; false-alarm rate: 6e-5 each."""
     live = followed(noise, rate, resolution, seconds, 3409)
-    [found] = (e for e in live.estimates if e.name == "scale_factor")
-    assert abs(found.value - SCALE) < 4.0 * found.std
+    [result] = (e for e in live.estimates if e.name == "scale_factor")
+    assert abs(result.value - SCALE) < 4.0 * result.std
     assert live.noise_share.value < 0.15
     assert live.noise_share.sentence == ""
 
@@ -59,13 +59,13 @@ def test_moments_do_not_depend_on_the_chunks() -> None:
     u = np.where(rng.random(3000) < 0.1, np.nan, 9.8 + np.sin(5.0 * t) + 0.1 * rng.standard_normal(3000))
     z = np.where(rng.random(3000) < 0.5, np.nan, -np.sin(5.0 * t) / 25.0)
     settings = settings_of(ac.Rig(ac.Sensor(noise=4.5e-3, range=50.0), resolution=1e-6))
-    found = []
+    results = []
     for cuts in ([], np.arange(1, 3000), np.sort(rng.choice(3000, 40))):
         moments = OutputMoments()
         for rows in np.split(np.arange(3000), cuts):
             moments.add(Rows(t[rows], u[rows], z[rows]))
-        found.append(moments.noise_share(settings).value)
-    assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-9)
+        results.append(moments.noise_share(settings).value)
+    assert results[1:] == pytest.approx([results[0]] * 2, rel=1e-9)
 
 
 def test_a_scale_factor_in_noise_is_not_saved(tmp_path: Path) -> None:

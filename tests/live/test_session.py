@@ -45,10 +45,10 @@ def followed(view: LiveSession, ends: Callable[[], bool] = lambda: False) -> Non
 
 def test_rows_are_written_although_none_follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "GROUP_TIME", 0.2)
-    made = stream(0.5)
+    samples = stream(0.5)
 
     def burst() -> Iterator[bytes | None]:
-        yield made.lines()
+        yield samples.lines()
         while True:
             yield None
 
@@ -58,16 +58,16 @@ def test_rows_are_written_although_none_follow(tmp_path: Path, monkeypatch: pyte
         followed(view, ends=lambda: path.exists() or time.monotonic() > began + MOST)
         assert path.exists()
         assert view.ended == "stopped"
-    assert len(load(path).accel) == len(made.t)
+    assert len(load(path).accel) == len(samples.t)
 
 
 def test_a_damaged_stamp_at_the_end_costs_its_row(tmp_path: Path) -> None:
-    made = stream(0.5)
-    with opened(tmp_path, iter([made.lines(), b"1e200,,5"])) as view:
+    samples = stream(0.5)
+    with opened(tmp_path, iter([samples.lines(), b"1e200,,5"])) as view:
         followed(view)
         assert view.state.broken == 1
-        assert view.state.used == len(made.t)
-    assert len(load(tmp_path / "got.parquet").accel) == len(made.t)
+        assert view.state.used == len(samples.t)
+    assert len(load(tmp_path / "got.parquet").accel) == len(samples.t)
 
 
 def test_a_stop_in_the_middle_of_a_write_stays_what_ended_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,11 +26,11 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return read_sidecar(path).rig
 
 
-def on_record(settings: LiveSettings, made: Stream) -> FilterRun:
+def on_record(settings: LiveSettings, samples: Stream) -> FilterRun:
     """The same filter over the record as a whole."""
-    output, read = ~np.isnan(made.u), ~np.isnan(made.z)
-    t, u = made.t[output] - settings.offset, settings.stage_output(made.u[output])
-    position = Channel("position", made.t[read], made.z[read], "m")
+    output, read = ~np.isnan(samples.u), ~np.isnan(samples.z)
+    t, u = samples.t[output] - settings.offset, settings.stage_output(samples.u[output])
+    position = Channel("position", samples.t[read], samples.z[read], "m")
     first = max(0, int(np.searchsorted(t, position.t[0], side="right")) - 1)
     accel = Channel("accel", t[first:], u[first:], "m/s^2")
     x0, P0 = settings.start(float(position.y[0]), max(0.0, float(position.t[0] - accel.t[0])))
@@ -48,43 +48,43 @@ def on_record(settings: LiveSettings, made: Stream) -> FilterRun:
     )
 
 
-def tracked(settings: LiveSettings, made: Stream, seed: int) -> tuple[Tracker, tuple[np.ndarray, ...]]:
+def tracked(settings: LiveSettings, samples: Stream, seed: int) -> tuple[Tracker, tuple[np.ndarray, ...]]:
     """Fed in pieces of random length: the tracker, and stamps, innovations and variances of all readings."""
-    rng, tracker, found, i = np.random.default_rng(seed), Tracker(settings), [], 0
-    while i < len(made.t):
+    rng, tracker, result, i = np.random.default_rng(seed), Tracker(settings), [], 0
+    while i < len(samples.t):
         j = i + int(rng.integers(1, 50))
-        found.append(tracker.feed(Rows(made.t[i:j], made.u[i:j], made.z[i:j])))
+        result.append(tracker.feed(Rows(samples.t[i:j], samples.u[i:j], samples.z[i:j])))
         i = j
-    found.append(tracker.finish())
-    return tracker, tuple(np.concatenate([of.table[:, k] for of in found]) for k in (0, 2, 3))
+    result.append(tracker.finish())
+    return tracker, tuple(np.concatenate([of.table[:, k] for of in result]) for k in (0, 2, 3))
 
 
 def test_outputs_before_the_first_reading_do_not_pile_up(rig: Rig) -> None:
-    made = stream(6.0, seed=8)
-    z = np.where(made.t < 3.0, np.nan, made.z)
+    samples = stream(6.0, seed=8)
+    z = np.where(samples.t < 3.0, np.nan, samples.z)
     settings = replace(settings_of(rig), offset=1.1e-3)
     tracker, most = Tracker(settings), 0
-    for rows in np.array_split(np.stack([made.t, made.u, z], axis=1), 200):
+    for rows in np.array_split(np.stack([samples.t, samples.u, z], axis=1), 200):
         tracker.feed(Rows(*rows.T))
         most = max(most, len(tracker._waiting[0]))
     tracker.finish()
     assert most < 100
-    assert (tracker.outputs, tracker.readings) == (len(made.t), np.isfinite(z).sum())
+    assert (tracker.outputs, tracker.readings) == (len(samples.t), np.isfinite(z).sum())
     assert tracker.filter is not None
-    assert np.array_equal(tracker.filter.estimate, on_record(settings, Stream(made.t, made.u, z)).states[-1])
+    assert np.array_equal(tracker.filter.estimate, on_record(settings, Stream(samples.t, samples.u, z)).states[-1])
     none = Tracker(settings)
-    none.feed(Rows(made.t, made.u, np.full_like(z, np.nan)))
+    none.feed(Rows(samples.t, samples.u, np.full_like(z, np.nan)))
     none.finish()
-    assert (none.outputs, none.readings) == (len(made.t), 0)
+    assert (none.outputs, none.readings) == (len(samples.t), 0)
 
 
 @pytest.mark.parametrize("lost", [0.03, 0.5, 2.0, 3600.0])
 def test_a_hole_begins_the_motion_anew_and_keeps_the_parameters(rig: Rig, lost: float) -> None:
     """Rows are missing, or the device slept and its stage did not; false-alarm rate 6e-5 for each parameter."""
-    made, share, walk = stream(12.0, seed=6), [], []
-    there = (made.t < 5.0) | (made.t > 5.0 + min(lost, 2.0))
-    late = np.where(made.t > 5.0, max(0.0, lost - 2.0), 0.0)
-    rows = np.stack([made.t + late, made.u, made.z])[:, there]
+    samples, share, walk = stream(12.0, seed=6), [], []
+    there = (samples.t < 5.0) | (samples.t > 5.0 + min(lost, 2.0))
+    late = np.where(samples.t > 5.0, max(0.0, lost - 2.0), 0.0)
+    rows = np.stack([samples.t + late, samples.u, samples.z])[:, there]
     for random_walk in (0.0, 1e-3):
         tracker = Tracker(settings_of(replace(rig, sensor=replace(rig.sensor, random_walk=random_walk))))
         readings = [tracker.feed(Rows(*part)) for part in np.array_split(rows, 40, axis=1)] + [tracker.finish()]
@@ -97,16 +97,16 @@ def test_a_hole_begins_the_motion_anew_and_keeps_the_parameters(rig: Rig, lost: 
         walk.append(tracker.settings.covariance[1, 1])
     assert walk[1] - walk[0] > 0.9e-6 * lost  # the bias has walked meanwhile
     whole = Tracker(settings_of(rig))
-    whole.feed(Rows(made.t, made.u, made.z))
+    whole.feed(Rows(samples.t, samples.u, samples.z))
     assert share[0] == pytest.approx(whole.noise_share.value, rel=0.2)  # type: ignore[union-attr]
 
 
 def test_a_model_saved_behind_a_hole_has_the_parameters_before_it(rig: Rig) -> None:
-    made = stream(6.0, seed=7)
+    samples = stream(6.0, seed=7)
     tracker = Tracker(settings_of(rig))
-    tracker.feed(Rows(made.t[:10_000], made.u[:10_000], made.z[:10_000]))
+    tracker.feed(Rows(samples.t[:10_000], samples.u[:10_000], samples.z[:10_000]))
     before = tracker.estimates
-    tracker.feed(Rows(made.t[10_000:] + 5.0, made.u[10_000:], np.full_like(made.z[10_000:], np.nan)))
+    tracker.feed(Rows(samples.t[10_000:] + 5.0, samples.u[10_000:], np.full_like(samples.z[10_000:], np.nan)))
     assert tracker.filter is None
     for now, then in zip(tracker.estimates, before, strict=True):
         assert now.value == pytest.approx(then.value, abs=0.1 * then.std)
@@ -125,10 +125,10 @@ def test_what_waits_where_the_end_fails_is_counted_as_refused(rig: Rig) -> None:
         def finish(self) -> None:
             raise ValueError("the innovation variance is NaN")
 
-    made, tracker = stream(1.0), Tracker(settings_of(rig))
-    tracker.feed(Rows(made.t, made.u, made.z))
+    samples, tracker = stream(1.0), Tracker(settings_of(rig))
+    tracker.feed(Rows(samples.t, samples.u, samples.z))
     tracker.filter = Failing(tracker)  # type: ignore[assignment]
-    assert tracker.finish().t[0] > made.t[-1] - 16e-3  # of readings that waited before the filter
+    assert tracker.finish().t[0] > samples.t[-1] - 16e-3  # of readings that waited before the filter
     assert (tracker.refused, tracker.refusal) == (5, "the innovation variance is NaN")
 
 
@@ -155,16 +155,16 @@ def test_a_start_that_noise_leads_astray_is_begun_anew(setting: int, run: int, m
     assert abs(error(40)) > 6.0
 
 
-def split(made: Stream) -> Stream:
+def split(samples: Stream) -> Stream:
     """Readings in rows of their own, between outputs, with holes in both."""
     rng = np.random.default_rng(5)
-    read = ~np.isnan(made.z)
-    t = np.concatenate([made.t, made.t[read] + 1.3e-4])
-    u = np.concatenate([made.u, np.full(read.sum(), np.nan)])
-    z = np.concatenate([np.full(len(made.t), np.nan), made.z[read]])
+    read = ~np.isnan(samples.z)
+    t = np.concatenate([samples.t, samples.t[read] + 1.3e-4])
+    u = np.concatenate([samples.u, np.full(read.sum(), np.nan)])
+    z = np.concatenate([np.full(len(samples.t), np.nan), samples.z[read]])
     order = np.argsort(t)
-    kept = order[rng.random(len(order)) > 0.1]
-    return Stream(t[kept], u[kept], z[kept])
+    remaining = order[rng.random(len(order)) > 0.1]
+    return Stream(t[remaining], u[remaining], z[remaining])
 
 
 WORLDS = {
@@ -180,35 +180,35 @@ WORLDS = {
 def test_the_stream_is_the_record_bit_for_bit(rig: Rig, world: str, apart: bool, offset: float) -> None:
     mine = replace(rig, **WORLDS[world])  # type: ignore[arg-type]
     settings = replace(settings_of(mine), offset=offset)
-    made = stream(2.0, polarity=mine.polarity, gravity=mine.gravity)
-    made = split(made) if apart else made
-    tracker, (t, e, variance) = tracked(settings, made, seed=3)
-    record = on_record(settings, made)
+    samples = stream(2.0, polarity=mine.polarity, gravity=mine.gravity)
+    samples = split(samples) if apart else samples
+    tracker, (t, e, variance) = tracked(settings, samples, seed=3)
+    record = on_record(settings, samples)
     assert tracker.filter is not None
     assert tracker.refused == 0
     assert np.array_equal(tracker.filter.estimate, record.states[-1])
     assert np.array_equal(tracker.filter.covariance, record.covariance)
     there = ~np.isnan(record.innovations)
-    for found, expected in ((t, record.times), (e, record.innovations), (variance, record.innovation_variances)):
-        assert np.array_equal(found, expected[there])
+    for result, expected in ((t, record.times), (e, record.innovations), (variance, record.innovation_variances)):
+        assert np.array_equal(result, expected[there])
 
 
 def test_parameters_are_those_of_the_sensor_however_it_is_mounted(rig: Rig) -> None:
     for world in ({}, {"axis": "up"}, {"axis": "down", "mount": "reversed"}):
         mine = replace(rig, **world)  # type: ignore[arg-type]
-        made = stream(8.0, seed=2, polarity=mine.polarity, gravity=mine.gravity)
-        tracker, _ = tracked(settings_of(mine), made, seed=1)
-        found = {e.name: e for e in tracker.estimates}
+        samples = stream(8.0, seed=2, polarity=mine.polarity, gravity=mine.gravity)
+        tracker, _ = tracked(settings_of(mine), samples, seed=1)
+        results = {e.name: e for e in tracker.estimates}
         for name, truth in (("bias", BIAS), ("scale_factor", SCALE)):
             # False alarm 7e-6 each.
-            assert abs(found[name].value - truth) < 4.5 * found[name].std + 2e-4, (world, name)
+            assert abs(results[name].value - truth) < 4.5 * results[name].std + 2e-4, (world, name)
 
 
 def test_a_model_gives_parameters_noise_and_offset() -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4, "quadratic": 1e-3}
-    made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
-    fit = ac.fit(made.recording, ac.Model.cubic())
-    settings = settings_of(made.recording.rig, fit)
+    simulation = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
+    fit = ac.fit(simulation.recording, ac.Model.cubic())
+    settings = settings_of(simulation.recording.rig, fit)
     assert settings.offset == fit["time_offset"].value
     assert settings.names == ("k", "K0", "K2", "K3")
     start = {e.name: e for e in Tracker(settings).estimates}
@@ -225,34 +225,34 @@ def test_noise_that_nobody_declares_is_asked_for(rig: Rig) -> None:
 
 
 def test_an_absurd_value_does_not_end_it(rig: Rig) -> None:
-    made = stream(1.0)
+    samples = stream(1.0)
     for value in (1e300, 1e154, -1e100):
-        u = made.u.copy()
+        u = samples.u.copy()
         u[500:503] = value  # alone it would be left out
         with np.errstate(all="ignore"):
-            tracker, found = tracked(settings_of(rig), Stream(made.t, u, made.z), seed=1)
-        print(f"output {value:g}: {len(found[0])} innovations, {tracker.refused} events refused: {tracker.refusal}")
+            tracker, result = tracked(settings_of(rig), Stream(samples.t, u, samples.z), seed=1)
+        print(f"output {value:g}: {len(result[0])} innovations, {tracker.refused} events refused: {tracker.refusal}")
         assert tracker.outputs == len(u)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.9e-3])
 def test_an_absurd_stamp_does_not_end_it(rig: Rig, offset: float) -> None:
-    made = stream(1.0)
+    samples = stream(1.0)
     for stamp in (1e200, 1e150, 1e110):
-        t, u, z = made.t.copy(), made.u.copy(), made.z.copy()
+        t, u, z = samples.t.copy(), samples.u.copy(), samples.z.copy()
         t[-1], u[-1], z[-1] = stamp, np.nan, 0.005
         with np.errstate(all="ignore"):
-            tracker, found = tracked(replace(settings_of(rig), offset=offset), Stream(t, u, z), seed=1)
-        print(f"stamp {stamp:g}: {len(found[0])} innovations, {tracker.refused} events refused: {tracker.refusal}")
+            tracker, result = tracked(replace(settings_of(rig), offset=offset), Stream(t, u, z), seed=1)
+        print(f"stamp {stamp:g}: {len(result[0])} innovations, {tracker.refused} events refused: {tracker.refusal}")
         assert tracker.outputs == len(u) - 1
-        assert len(found[0]) > 400
+        assert len(result[0]) > 400
 
 
 def test_readings_without_outputs_do_not_end_it(rig: Rig) -> None:
-    made = stream(1.0)
-    u = made.u.copy()
+    samples = stream(1.0)
+    u = samples.u.copy()
     u[300:900] = np.nan  # 300 readings in a row
-    tracker, found = tracked(settings_of(rig), Stream(made.t, u, made.z), seed=1)
+    tracker, result = tracked(settings_of(rig), Stream(samples.t, u, samples.z), seed=1)
     assert 45 <= tracker.refused <= 52
     assert "more than 252 events wait" in tracker.refusal
-    assert len(found[0]) > 600
+    assert len(result[0]) > 600

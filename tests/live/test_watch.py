@@ -81,15 +81,15 @@ def watched(
 
 
 @pytest.mark.parametrize(
-    ("known", "port"), [(True, "output"), (False, "output"), (True, "position"), (False, "position")]
+    ("declared", "port"), [(True, "output"), (False, "output"), (True, "position"), (False, "position")]
 )
-def test_score_and_information_are_those_of_the_difference_of_two_filters(known: bool, port: str) -> None:
+def test_score_and_information_are_those_of_the_difference_of_two_filters(declared: bool, port: str) -> None:
     u, z, _ = record(20.0, 1)
     z[2::3] = np.nan
     columns, position = columns_of(u), np.zeros((len(u), 2))
     if port == "position":
         columns, position = np.zeros_like(columns), np.stack([np.cos(30.0 * u), u], axis=-1)
-    P0 = np.diag([1e-12, 1e-2, 0.0, 0.0]) if known else START
+    P0 = np.diag([1e-12, 1e-2, 0.0, 0.0]) if declared else START
     scores, evidence = watched(u, z, columns, P0=P0, position=position)
     size = 1e-7
     without, _ = watched(u, z, columns, P0=P0, position=position, added=0.0)
@@ -99,7 +99,7 @@ def test_score_and_information_are_those_of_the_difference_of_two_filters(known:
     psi = (without[read, 0] - less[read, 0]) / size
     left, variance = scores[read, 0], scores[read, 1]
     # Parameters that are not known yet change gains by what the suspect changes them, and have a share of noise.
-    tolerance = 1e-6 if known else 2e-3
+    tolerance = 1e-6 if declared else 2e-3
     information, score = np.sum(psi**2 / variance), np.sum(psi * left / variance)
     assert evidence[0, 5] == pytest.approx(information, rel=tolerance)
     assert evidence[0, 4] == pytest.approx(score, abs=tolerance * math.sqrt(information), rel=tolerance)
@@ -116,11 +116,11 @@ def test_the_e_value_is_the_mean_of_the_likelihood_ratio_over_its_prior() -> Non
     def posterior(c: float, power: int) -> float:
         return c**power * math.exp(b * c - 0.5 * G * c * c) * sum(prior.pdf(c) for prior in priors) / 3.0
 
-    one, mean, square = (quad(posterior, low, high, args=(power,), points=[b / G])[0] for power in range(3))
+    total, mean, square = (quad(posterior, low, high, args=(power,), points=[b / G])[0] for power in range(3))
     # The watch gives half of its weight to effects that are there from the begin on; no later start has come yet.
-    assert log_e == pytest.approx(math.log(0.5 * one), abs=1e-6)
-    assert size == pytest.approx(mean / one, rel=1e-5)
-    assert std == pytest.approx(math.sqrt(square / one - (mean / one) ** 2), rel=1e-5)
+    assert log_e == pytest.approx(math.log(0.5 * total), abs=1e-6)
+    assert size == pytest.approx(mean / total, rel=1e-5)
+    assert std == pytest.approx(math.sqrt(square / total - (mean / total) ** 2), rel=1e-5)
     assert since == pytest.approx(20.0)
 
 

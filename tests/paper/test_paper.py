@@ -113,7 +113,7 @@ mapping, tracks = cache(mapping_item), cache(tracks_item)
 
 
 @pytest.mark.parametrize(
-    "made",
+    "table_of",
     [
         three_axes_item,
         encoder_speed_item,
@@ -157,8 +157,8 @@ mapping, tracks = cache(mapping_item), cache(tracks_item)
         "tracks",
     ],
 )
-def test_every_claim_holds_except_those_known_to_be_false(made: Callable[[Plan], Item]) -> None:
-    item = made(PLAN)
+def test_every_claim_holds_except_those_known_to_be_false(table_of: Callable[[Plan], Item]) -> None:
+    item = table_of(PLAN)
     failed = {row.claim: row.measured for row in item.rows if not row.holds}
     assert set(failed) == FALSE_CLAIMS.get(item.name, set()), failed
     assert all(row.by == "paper" for row in item.rows if not row.holds)
@@ -187,8 +187,8 @@ def test_a_parameter_considered_with_a_tenth_of_its_spread_is_overconfident() ->
     timid = {**SCALE_DESIGNS["considered"].sigmas, "k": SIGMA / 10}
     process = {"k": replace(PROCESS["k"], q=PROCESS["k"].q / 100)}
     design = replace(SCALE_DESIGNS["considered"], sigmas=timid, processes=process)
-    found = reached(PLAN, "consider scale", PLAIN_ADXL105, {"considered": design}, 8)
-    assert found["considered"].consistency.verdict == "overconfident"
+    result = reached(PLAN, "consider scale", PLAIN_ADXL105, {"considered": design}, 8)
+    assert result["considered"].consistency.verdict == "overconfident"
 
 
 def test_the_curve_of_a_curved_sensor_is_not_that_of_a_straight_one() -> None:
@@ -200,7 +200,7 @@ def test_linear_filters_of_two_systems_are_not_the_same() -> None:
 
 
 def test_every_statement_of_the_paper_has_an_answer_or_a_reason() -> None:
-    items = {made.__name__.removesuffix("_item") for made in paper._ITEMS} | {"mapping", "tracks"}
+    items = {item.__name__.removesuffix("_item") for item in paper._ITEMS} | {"mapping", "tracks"}
     for statement in STATEMENTS:
         assert set(statement.items) <= items, statement
         assert statement.items or statement.product or statement.open or statement.impossible, statement
@@ -228,10 +228,10 @@ def test_a_linear_model_of_a_cubic_sensor_has_the_scale_factor_of_a_sine() -> No
 def test_an_encoder_follows_a_ramp_at_its_limit_and_catches_up() -> None:
     t = np.linspace(0.0, 2.0, 2001)
     sine = Motion((Tones(np.array([0.1]), np.array([0.5]), np.zeros(1)),), 2.0)  # 0.31 m/s at zero, rest at 0.5 s
-    seen = read(sine, t)
-    speed = np.abs(np.diff(seen)) / (t[1] - t[0])
+    content = read(sine, t)
+    speed = np.abs(np.diff(content)) / (t[1] - t[0])
     assert np.max(speed) == pytest.approx(LIMIT, rel=1e-5)
-    late = seen - sine.position(t)
+    late = content - sine.position(t)
     assert np.min(late) < -0.04  # it has come 0.05 m when the stage turns at 0.1 m
     gentle = Motion((Tones(np.array([0.02]), np.array([0.5]), np.zeros(1)),), 2.0)
     np.testing.assert_allclose(read(gentle, t), gentle.position(t), atol=1e-15)  # sums of 40 000 steps of one sign
@@ -251,14 +251,14 @@ def test_without_vibration_nothing_is_spoilt() -> None:
 
 def test_harmonics_equal_the_closed_form_at_any_amplitude() -> None:
     for A in (1.0, 7.0, 30.0):
-        seen = harmonics({"bias": 0.2, "scale_factor": -0.03, "quadratic": 2e-3, "cubic": -3e-5}, A)
+        amplitudes = harmonics({"bias": 0.2, "scale_factor": -0.03, "quadratic": 2e-3, "cubic": -3e-5}, A)
         expected = {
             "mean": 0.2 + 2e-3 * A**2 / 2,
             "b1": A * (0.97 - 0.75 * 3e-5 * A**2),
             "a2": -2e-3 * A**2 / 2,
             "b3": 3e-5 * A**3 / 4,
         }
-        assert seen == pytest.approx(expected, rel=1e-11)  # transform of 2000 values; b3 is 1e-6 of the output
+        assert amplitudes == pytest.approx(expected, rel=1e-11)  # transform of 2000 values; b3 is 1e-6 of the output
 
 
 def test_linear_filters_on_a_cubic_sensor_end_outside_their_bands() -> None:
@@ -309,10 +309,10 @@ def test_runs_depend_on_seed_and_name_but_not_on_threads() -> None:
     def draw(rng: np.random.Generator) -> float:
         return float(rng.random())
 
-    one = Plan(True, 1, workers=1).repeat("a", 5, draw)
-    assert one == Plan(False, 1, workers=4).repeat("a", 5, draw)
-    assert one != Plan(True, 1).repeat("b", 5, draw)
-    assert one != Plan(True, 2).repeat("a", 5, draw)
+    repeated = Plan(True, 1, workers=1).repeat("a", 5, draw)
+    assert repeated == Plan(False, 1, workers=4).repeat("a", 5, draw)
+    assert repeated != Plan(True, 1).repeat("b", 5, draw)
+    assert repeated != Plan(True, 2).repeat("a", 5, draw)
 
 
 def test_reproduction_speaks_text_and_json_and_draws_its_figures(
@@ -322,9 +322,11 @@ def test_reproduction_speaks_text_and_json_and_draws_its_figures(
     for name, computed in (("mapping_item", mapping), ("tracks_item", tracks)):
         # The number of threads changes nothing.
         monkeypatch.setattr(paper, name, lambda plan, once=computed: once(replace(plan, workers=PLAN.workers)))
-    seen: list[tuple[str, float]] = []
-    result = paper.reproduce(True, PLAN.seed, tmp_path / "new", progress=lambda name, share: seen.append((name, share)))
-    assert seen == [("fourier", pytest.approx(1 / 3)), ("mapping", pytest.approx(2 / 3)), ("tracks", 1.0)]
+    calls: list[tuple[str, float]] = []
+    result = paper.reproduce(
+        True, PLAN.seed, tmp_path / "new", progress=lambda name, share: calls.append((name, share))
+    )
+    assert calls == [("fourier", pytest.approx(1 / 3)), ("mapping", pytest.approx(2 / 3)), ("tracks", 1.0)]
 
     data = json.loads(json.dumps(asdict(result), default=str))
     assert [item["name"] for item in data["items"]] == ["fourier", "mapping", "tracks"]

@@ -10,7 +10,7 @@ from benches.peers.workload import WORKLOADS, Ended, draw
 SAME, OTHER = TOLERANCE / 10.0, TOLERANCE * 10.0
 
 
-def found(*results: Result) -> Found:
+def results_of(*results: Result) -> Found:
     return Found([Result(FUSED, "W1", SAME, 10.0), Result(FUSED, "W3", SAME, 20.0), *results], {"Eigen": "no compiler"})
 
 
@@ -31,13 +31,13 @@ def test_another_filter_is_distinguished():
 
 
 def test_a_peer_that_disagrees_is_listed_and_has_no_time():
-    text = table.markdown(found(Result("FilterPy 2", "W1", OTHER, 1e5)))
+    text = table.markdown(results_of(Result("FilterPy 2", "W1", OTHER, 1e5)))
     assert "| FilterPy 2 | **disagrees by 1e-05** |" in text
     assert "Not installed: Eigen (no compiler)." in text
 
 
 def test_bars_take_the_smallest_ratio_and_say_what_is_missed():
-    text = table.markdown(found(Result("JAX 1", "W1", SAME, 500.0), Result("JAX 1", "W3", SAME, 400.0)))
+    text = table.markdown(results_of(Result("JAX 1", "W1", SAME, 500.0), Result("JAX 1", "W3", SAME, 400.0)))
     assert "| JAX 1 | 500 (50.0) | 400 (20.0) |" in text
     assert "| JAX, W1 W2 W3 W4 | 20.0 | 30.0 | **missed** |" in text
     assert "FilterPy" not in text  # a peer that is not here has no row

@@ -67,8 +67,8 @@ class Example:
         )
         self.fit = estimate(ac.Model.linear(), self.run)
         self.diagnosis = diagnose(self.fit, self.run)
-        self.seen = self.diagnosis.where
-        self.grown = nested_fits(self.fit, [self.run], self.diagnosis.scan.found)
+        self.evaluation = self.diagnosis.where
+        self.grown = nested_fits(self.fit, [self.run], self.diagnosis.scan.detected)
         self.nested = ac.compare(self.grown.fits, self.other, names=self.grown.names)
         self.power = power(ac.Model.linear(), self.run)
         self.track = track(self.fit, self.run)
@@ -82,20 +82,22 @@ class Example:
         return {"shape_of_position": {"low": low - self.fit.origins.p, "high": high - self.fit.origins.p}}
 
     def figures(self):
-        seen = self.seen
+        figure_seen = self.evaluation
         return {
-            "simulated": comparison.simulated(seen),
-            "coasting": comparison.coasting(seen),
-            "one_step": comparison.one_step(seen, previous=seen),
-            "accel_residual": comparison.accel_residual(seen, previous=seen),
-            "residual_of_axes": comparison.residual_of_axes({"x": seen, "y": seen}),
-            "coasting_of_axes": comparison.coasting_of_axes({"x": seen, "y": seen}),
-            "regions": residuals.regions(seen),
-            "before_after": residuals.before_after(self.nested.seen[0][0], self.nested.seen[0][-1], "adding it"),
-            "spectrum": residuals.spectrum(self.fit, seen, [LINE]),
-            "whiteness_plot": residuals.whiteness_plot(seen),
-            "quantile_plot": residuals.quantile_plot(seen),
-            "tiles": residuals.tiles(seen),
+            "simulated": comparison.simulated(figure_seen),
+            "coasting": comparison.coasting(figure_seen),
+            "one_step": comparison.one_step(figure_seen, previous=figure_seen),
+            "accel_residual": comparison.accel_residual(figure_seen, previous=figure_seen),
+            "residual_of_axes": comparison.residual_of_axes({"x": figure_seen, "y": figure_seen}),
+            "coasting_of_axes": comparison.coasting_of_axes({"x": figure_seen, "y": figure_seen}),
+            "regions": residuals.regions(figure_seen),
+            "before_after": residuals.before_after(
+                self.nested.evaluations[0][0], self.nested.evaluations[0][-1], "adding it"
+            ),
+            "spectrum": residuals.spectrum(self.fit, figure_seen, [LINE]),
+            "whiteness_plot": residuals.whiteness_plot(figure_seen),
+            "quantile_plot": residuals.quantile_plot(figure_seen),
+            "tiles": residuals.tiles(figure_seen),
             "tracks": over_time.tracks(self.track),
             "paths": over_time.paths([a_path()]),
             "ranking": findings.ranking(self.diagnosis),
@@ -108,7 +110,7 @@ class Example:
             "overlay": timeline.overlay(list(zip(self.nested.names, self.nested, strict=True))),
             "live_tracks": over_time.live_tracks(followed()),
             "sensitivity": sensitivity(responded()),
-            "linked": timeline.linked(self.run, seen, previous=seen, marked=[(3.0, 4.0, "chosen")]),
+            "linked": timeline.linked(self.run, figure_seen, previous=figure_seen, marked=[(3.0, 4.0, "chosen")]),
             "parameters": models.parameters(self.fit),
             "nonlinearity": models.nonlinearity(self.fit),
             "allan": models.allan(at_rest()),
@@ -201,8 +203,8 @@ def test_plotly_draws_every_title_of_an_axis(defined, drawn, theme):
         for number, panel in enumerate(figure.panels, 1):
             at = "" if number == 1 else number
             assert axes[f"yaxis{at}"] == panel.y.label, name
-            said = panel.x.label if not figure.shared_x or number == len(figure.panels) else None
-            assert axes[f"xaxis{at}"] == said, name
+            label = panel.x.label if not figure.shared_x or number == len(figure.panels) else None
+            assert axes[f"xaxis{at}"] == label, name
 
 
 @pytest.mark.parametrize("theme", THEMES)
@@ -252,41 +254,41 @@ def test_an_unknown_theme_is_refused():
 
 
 def test_one_step_keeps_extremes_and_states_statistics_of_all_data(example, drawn, defined):
-    t, e = example.seen.residual
+    t, e = example.evaluation.residual
     figure = defined["one_step"]
     shown = named(figure, "residual").drawn[1]
     assert len(t) > 2 * len(shown)
     assert np.nanmax(shown) == pytest.approx(1e6 * e.max(), rel=1e-15)  # one product, in µm
     assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-15)
-    inside = np.mean(np.abs(e) <= 1.96 * example.seen.residual_std)
+    inside = np.mean(np.abs(e) <= 1.96 * example.evaluation.residual_std)
     assert f"{100 * inside:.1f} % of" in figure.headline
     assert f"4 000 of {formatting.grouped(len(t))} points shown" in figure.small_print
 
 
 def test_coasting_shows_drift_and_floor(example, defined):
     figure = defined["coasting"]
-    for name, found in (
-        ("bias of this run re-estimated", example.seen.coast_rms),
-        ("all parameters from the fit", example.seen.coast_frozen_rms),
-        ("noise floor", example.seen.drift_floors),
+    for name, result in (
+        ("bias of this run re-estimated", example.evaluation.coast_rms),
+        ("all parameters from the fit", example.evaluation.coast_frozen_rms),
+        ("noise floor", example.evaluation.drift_floors),
     ):
         line = named(figure, name)
-        factor = line.y[0] / found[line.x[0]]
+        factor = line.y[0] / result[line.x[0]]
         assert factor in (pytest.approx(1e3), pytest.approx(1e6))
-        np.testing.assert_allclose(line.y, [factor * found[h] for h in line.x], rtol=1e-12)  # one product
+        np.testing.assert_allclose(line.y, [factor * result[h] for h in line.x], rtol=1e-12)  # one product
 
 
 def test_regions_come_in_the_order_of_what_they_explain(example, defined):
-    found = residuals.ordered(example.seen)
-    shares = [share for _, share in found]
+    result = residuals.ordered(example.evaluation)
+    shares = [share for _, share in result]
     assert shares == sorted(shares, reverse=True)
-    assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
+    assert result[0][0].variable == "acceleration"  # a cubic is a function of acceleration
     recent = {"recent velocity", "recent acceleration", "distance since reversal"}
     assert recent | {"time", "position", "velocity", "acceleration", "jerk", "time since reversal"} == {
-        b.variable for b, _ in found
+        b.variable for b, _ in result
     }
     titles = [panel.title.split(":")[0] for panel in defined["regions"].panels]
-    assert titles == [*(b.variable for b, _ in found), "frequency"]
+    assert titles == [*(b.variable for b, _ in result), "frequency"]
 
 
 def test_explained_share_of_a_pure_function_and_of_noise():
@@ -296,9 +298,9 @@ def test_explained_share_of_a_pure_function_and_of_noise():
     count = np.bincount(bins)
     for y, low, high in ((np.sin(3.0 * x), 0.9, 1.0), (rng.standard_normal(len(x)), 0.0, 0.002)):
         mean = np.bincount(bins, weights=y) / count
-        one = Bins("x", "m", np.linspace(-1, 1, 13), mean, np.std(y) / np.sqrt(count), share=count / len(x))
+        bins_of_x = Bins("x", "m", np.linspace(-1, 1, 13), mean, np.std(y) / np.sqrt(count), share=count / len(x))
         # Twelve bins hold 99 % of a sine; of noise they hold 12/60 000 by chance, taken off. False alarm below 1e-6.
-        assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
+        assert low <= bins_of_x.explained(float(np.sqrt(np.mean(y**2)))) <= high
 
 
 def test_spectrum_names_lines_and_keeps_its_band(example, drawn, defined):
@@ -312,24 +314,24 @@ def test_spectrum_names_lines_and_keeps_its_band(example, drawn, defined):
 def test_spectrum_of_white_residuals_stays_in_its_region():
     # 95 % of 1000 correlated frequencies: between 92 and 98 % is four sigma even if only a quarter are independent.
     white = a_comparison(n=48_000)
-    found = one_step_spectrum(white)
-    ratio = found.density / found.predicted
+    result = one_step_spectrum(white)
+    ratio = result.density / result.predicted
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)  # 24 000 exponential ordinates: 0.0065
-    assert 0.92 < np.mean((ratio > found.low) & (ratio < found.high)) < 0.98
+    assert 0.92 < np.mean((ratio > result.low) & (ratio < result.high)) < 0.98
     # The sister: residuals with a line leave it.
     t, e = white.residual
     with_line = replace(white, residual=(t, e + 1e-6 * np.sin(2.0 * np.pi * 10.0 * t)))
-    found = one_step_spectrum(with_line)
-    peak = np.argmax(found.density / found.predicted)
-    assert found.frequency[peak] == pytest.approx(10.0, abs=0.1)
-    assert found.density[peak] / found.predicted[peak] > 10 * found.high
+    result = one_step_spectrum(with_line)
+    peak = np.argmax(result.density / result.predicted)
+    assert result.frequency[peak] == pytest.approx(10.0, abs=0.1)
+    assert result.density[peak] / result.predicted[peak] > 10 * result.high
 
 
 def test_predicted_noise_is_that_of_a_good_model(example):
     cubic = estimate(ac.Model.linear().add("cubic"), example.run)
-    found = accel_spectrum(cubic, compare(cubic, example.other))
-    middle = found.frequency < 0.7 * found.frequency[-1]
-    ratio = found.density[middle] / found.predicted[middle]
+    result = accel_spectrum(cubic, compare(cubic, example.other))
+    middle = result.frequency < 0.7 * result.frequency[-1]
+    ratio = result.density[middle] / result.predicted[middle]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.15)  # five sigma of 24 segments over some ten bands
     lacking = accel_spectrum(example.fit, compare(example.fit, example.other))
     short = lacking.density / lacking.predicted
@@ -339,12 +341,13 @@ def test_predicted_noise_is_that_of_a_good_model(example):
 def test_cumulative_periodogram_tells_white_from_coloured():
     rng = np.random.default_rng(11)
     rejected = [
-        found.distance > found.limit for found in (cumulative_periodogram(rng.standard_normal(500)) for _ in range(400))
+        result.distance > result.limit
+        for result in (cumulative_periodogram(rng.standard_normal(500)) for _ in range(400))
     ]
     assert 4 <= sum(rejected) <= 40  # 20 expected at 5 %: beyond four sigma below 1e-4
     coloured = np.convolve(rng.standard_normal(600), np.ones(3), mode="valid")
-    seen = cumulative_periodogram(coloured)
-    assert seen.distance > 2.0 * seen.limit
+    periodogram = cumulative_periodogram(coloured)
+    assert periodogram.distance > 2.0 * periodogram.limit
     with pytest.raises(ValueError, match="at least 16"):
         cumulative_periodogram(np.ones(8))
     with pytest.raises(ValueError, match="constant"):
@@ -352,19 +355,19 @@ def test_cumulative_periodogram_tells_white_from_coloured():
 
 
 def test_quantiles_are_those_of_all_residuals(example, defined):
-    y = np.sort(example.seen.normalised[1])
+    y = np.sort(example.evaluation.normalised[1])
     shown = named(defined["quantile_plot"], "residuals").y
     assert (shown[0], shown[-1]) == (y[0], y[-1])
 
 
 def test_tiles_hold_scores(example):
-    seen = residuals.tiles_of(example.seen)
-    for row, sigma in zip(seen.rows, seen.z, strict=True):
-        one = next(b for b in example.seen.bins if row.startswith(f"{b.variable},"))
-        known = one.std > 0.0
-        np.testing.assert_array_equal(sigma[known], one.score[known])
-        assert np.all(np.isnan(sigma[~known]))
-    assert seen.rows[0].startswith("acceleration")
+    tiles = residuals.tiles_of(example.evaluation)
+    for row, sigma in zip(tiles.rows, tiles.z, strict=True):
+        first = next(b for b in example.evaluation.bins if row.startswith(f"{b.variable},"))
+        sampled = first.std > 0.0
+        np.testing.assert_array_equal(sigma[sampled], first.score[sampled])
+        assert np.all(np.isnan(sigma[~sampled]))
+    assert tiles.rows[0].startswith("acceleration")
 
 
 def test_tracks_end_where_the_fit_ends(example):
@@ -380,12 +383,12 @@ def test_a_track_equals_a_fit_of_the_first_part():
     truth = {"bias": 0.05, "scale_factor": 0.01}
     run = simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(4)).recording
     whole = estimate(ac.Model.linear(), run)
-    found = track(whole, run, points=20)
-    half = estimate(ac.Model.linear(), run, end=float(found.t[9]), origins=whole.origins)
-    for i, name in enumerate(found.names):
-        assert found.std[9, i] == pytest.approx(half[name].std, rel=0.05)
-        assert abs(found.values[9, i] - half[name].value) < 0.3 * half[name].std
-        assert found.std[9, i] > 1.1 * found.std[-1, i]
+    result = track(whole, run, points=20)
+    half = estimate(ac.Model.linear(), run, end=float(result.t[9]), origins=whole.origins)
+    for i, name in enumerate(result.names):
+        assert result.std[9, i] == pytest.approx(half[name].std, rel=0.05)
+        assert abs(result.values[9, i] - half[name].value) < 0.3 * half[name].std
+        assert result.std[9, i] > 1.1 * result.std[-1, i]
 
 
 def test_ranking_draws_every_candidate_and_brackets_ties(example, defined):
@@ -428,16 +431,18 @@ def test_a_tie_is_bracketed(example):
 
 
 def test_signatures_are_the_correlations_of_the_record(example):
-    seen = chosen(example.power, ["cubic", "odd_quadratic"])
-    assert {"cubic", "odd_quadratic"} <= set(seen.names)
-    np.testing.assert_allclose(np.diag(seen.correlation), 1.0, rtol=1e-9)  # of unit signatures
-    np.testing.assert_allclose(seen.correlation, seen.correlation.T, rtol=1e-9, atol=1e-12)
+    chosen_effects = chosen(example.power, ["cubic", "odd_quadratic"])
+    assert {"cubic", "odd_quadratic"} <= set(chosen_effects.names)
+    np.testing.assert_allclose(np.diag(chosen_effects.correlation), 1.0, rtol=1e-9)  # of unit signatures
+    np.testing.assert_allclose(chosen_effects.correlation, chosen_effects.correlation.T, rtol=1e-9, atol=1e-12)
     ties = [{a, b} for g in example.power.ties for a, b in itertools.combinations(g.members, 2) if a == g.members[0]]
-    for i, j in itertools.combinations(range(len(seen.names)), 2):
-        rho = abs(seen.correlation[i, j])
+    for i, j in itertools.combinations(range(len(chosen_effects.names)), 2):
+        rho = abs(chosen_effects.correlation[i, j])
         assert rho <= 1.0 + 1e-9
         if rho > 0.955:  # said to be tied, unless another trial shape of the rival comes nearer
-            assert {seen.names[i], seen.names[j]} in ties or len(example.power[seen.names[i]].members) > 1
+            assert {chosen_effects.names[i], chosen_effects.names[j]} in ties or len(
+                example.power[chosen_effects.names[i]].members
+            ) > 1
 
 
 def test_falling_draws_errors_floor_and_shares(example, drawn, defined):
@@ -470,16 +475,16 @@ def test_a_base_at_the_floor_explains_nothing(example):
 
 
 def test_the_overlay_draws_measurement_every_model_and_their_difference(example, drawn, defined):
-    name, seen = example.nested.names[-1], example.nested[1]
+    name, nested = example.nested.names[-1], example.nested[1]
     mine = [t for t in drawn["light"]["overlay"]["data"] if t.get("name", "").startswith(f"{name}, fit")]
     assert len(mine) == 3  # output, residual, position
     assert len({t["legendgroup"] for t in mine}) == 1
     assert [t["showlegend"] for t in mine] == [True, False, False]
     measured = named(defined["overlay"], "measured").drawn[1]
-    assert np.nanmax(np.abs(measured)) == np.max(np.abs(seen.measured))  # thinned
-    share = np.linalg.norm(seen.accel_residual[1]) / np.linalg.norm(seen.measured - seen.measured.mean())
-    assert seen.fit_percent == pytest.approx(100.0 * (1.0 - share))
-    assert 90.0 < seen.fit_percent < 100.0
+    assert np.nanmax(np.abs(measured)) == np.max(np.abs(nested.measured))  # thinned
+    share = np.linalg.norm(nested.accel_residual[1]) / np.linalg.norm(nested.measured - nested.measured.mean())
+    assert nested.fit_percent == pytest.approx(100.0 * (1.0 - share))
+    assert 90.0 < nested.fit_percent < 100.0
 
 
 def test_the_worst_stretch_is_where_the_residual_is_largest():
@@ -504,14 +509,14 @@ def test_the_finer_form_of_a_shape_has_a_name_of_its_own(example):
 
 
 def test_recovered_shape_is_the_fitted_function(example):
-    (one,) = shapes(example.shaped)
+    (shape,) = shapes(example.shaped)
     effect = "shape_of_position"
     from scipy.interpolate import BSpline
     from scipy.special import eval_legendre
 
     low, high = example.ends[effect]["low"], example.ends[effect]["high"]
     knots = low + (high - low) / 7.0 * np.arange(-3, 11)
-    x = one.x - example.shaped.origins.p
+    x = shape.x - example.shaped.origins.p
     share = 2 * (x - low) / (high - low) - 1
     weights = [0.0, 0.0, *(example.shaped[f"{effect}.s{j}"].value for j in range(3, 9)), 0.0, 0.0]
     spline = BSpline(knots, weights, 3)
@@ -519,8 +524,8 @@ def test_recovered_shape_is_the_fitted_function(example):
     for degree in range(1, 4):
         independent += example.shaped[f"{effect}.p{degree}"].value * eval_legendre(degree, share)
     inside = slice(1, -1)  # the ends stand on a knot
-    np.testing.assert_allclose(one.value[inside], independent[inside], rtol=1e-8, atol=1e-12)  # same polynomials
-    assert np.all(one.std > 0.0)
+    np.testing.assert_allclose(shape.value[inside], independent[inside], rtol=1e-8, atol=1e-12)  # same polynomials
+    assert np.all(shape.std > 0.0)
 
 
 def test_power_shows_contributions_by_port(example, defined):
@@ -559,8 +564,8 @@ def test_records_too_short_are_said_in_place_of_figures(theme):
 
 
 def test_a_band_below_every_frequency_leaves_no_spectrum(example):
-    assert accel_spectrum(example.fit, replace(example.seen, band=1e-3)) is None
-    assert len(residuals.spectrum(example.fit, replace(example.seen, band=1e-3)).panels) == 1
+    assert accel_spectrum(example.fit, replace(example.evaluation, band=1e-3)) is None
+    assert len(residuals.spectrum(example.fit, replace(example.evaluation, band=1e-3)).panels) == 1
 
 
 def test_power_of_few_effects_is_drawn(example):
@@ -574,7 +579,7 @@ def test_power_of_few_effects_is_drawn(example):
 
 
 def test_previous_residuals_are_drawn_pale(example):
-    before, now = marks(comparison.accel_residual(example.seen, previous=example.seen), Line)
+    before, now = marks(comparison.accel_residual(example.evaluation, previous=example.evaluation), Line)
     assert (before.name, now.name) == ("before", "output − model")
     assert before.opacity < 0.5
 

@@ -79,9 +79,9 @@ SHORT = {
 }
 
 
-def alone(fit, seen):
+def alone(fit, evaluation):
     """Comparison of one model with one recording."""
-    return Comparison((fit,), ("model",), (seen.recording,), ((seen,),))
+    return Comparison((fit,), ("model",), (evaluation.recording,), ((evaluation,),))
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +90,8 @@ def fitted():
     record = simulate(
         "tones", seconds=20.0, rig=ADXL105_RIG, parameters=PARAMETERS, rng=np.random.default_rng(3)
     ).recording
-    found = estimate(Model.cubic().freeze(quadratic=0.0), record)
-    return record, found, evaluated(found, record)
+    fit = estimate(Model.cubic().freeze(quadratic=0.0), record)
+    return record, fit, evaluated(fit, record)
 
 
 def marks_of(panel, kind):
@@ -105,8 +105,8 @@ def lines(axes):
 def drawn(line):
     """Return the data of a line without the breaks at holes."""
     x, y = (np.asarray(d, dtype=float) for d in line.get_data())
-    kept = np.isfinite(x)
-    return x[kept], y[kept]
+    remaining = np.isfinite(x)
+    return x[remaining], y[remaining]
 
 
 def texts(figure):
@@ -138,13 +138,13 @@ def test_the_overlay_has_measurement_model_and_difference_on_one_axis_of_time():
     figure = plots.overlay(c)
     output, residual, position = figure.axes
     _, left = c.accel_residual
-    said = next(name for name in lines(output) if name.startswith("model, fit "))
+    label = next(name for name in lines(output) if name.startswith("model, fit "))
     np.testing.assert_array_equal(drawn(lines(output)["measured"])[1], c.measured)
-    np.testing.assert_array_equal(drawn(lines(output)[said])[1], c.measured - left)
+    np.testing.assert_array_equal(drawn(lines(output)[label])[1], c.measured - left)
     difference = max(residual.get_lines(), key=lambda line: len(line.get_xdata()))
     np.testing.assert_allclose(drawn(difference)[1], 1e3 * left, rtol=1e-12)
     assert output.get_xlim() == residual.get_xlim() == position.get_xlim()
-    assert said in texts(figure)
+    assert label in texts(figure)
     assert "Measured and simulated output: fit " in texts(figure)
 
 
@@ -240,7 +240,7 @@ def test_regions_come_in_order_of_what_they_explain_with_their_means():
     figure = regions(c)
     assert [panel.x.label for panel in figure.panels] == ["acceleration (m/s²)", "velocity (m/s)", "frequency (Hz)"]
     assert [panel.y.label for panel in figure.panels] == ["mean residual (mm/s²)"] * 2 + ["density / predicted (1)"]
-    by_name = {one.variable: one for one in c.bins}
+    by_name = {item.variable: item for item in c.bins}
     for panel, variable, factor in zip(figure.panels[1:], ("velocity", "frequency"), (1e3, 1.0), strict=True):
         (line,) = marks_of(panel, Line)
         np.testing.assert_allclose(line.y, factor * by_name[variable].mean, rtol=1e-15)
@@ -278,11 +278,11 @@ def test_histogram_is_a_density_of_all_residuals():
 
 def test_quantiles_of_a_long_record_keep_both_ends():
     y = np.random.default_rng(1).standard_normal(100_000)
-    expected, seen = normal_quantiles(y)
-    assert len(seen) < 7000
-    np.testing.assert_array_equal(seen[:2000], np.sort(y)[:2000])
-    np.testing.assert_array_equal(seen[-2000:], np.sort(y)[-2000:])
-    assert np.abs(expected - seen)[1000:-1000].max() < 0.05  # Kolmogorov bound 1.95/sqrt(n) over density at 2.3 sigma
+    expected, sample = normal_quantiles(y)
+    assert len(sample) < 7000
+    np.testing.assert_array_equal(sample[:2000], np.sort(y)[:2000])
+    np.testing.assert_array_equal(sample[-2000:], np.sort(y)[-2000:])
+    assert np.abs(expected - sample)[1000:-1000].max() < 0.05  # Kolmogorov bound 1.95/sqrt(n) over density at 2.3 sigma
 
 
 def test_autocorrelation_is_that_of_the_residuals():
@@ -297,14 +297,14 @@ def test_autocorrelation_is_that_of_the_residuals():
 
 
 def test_parameters_are_drawn_over_their_typical_size(fitted):
-    _, found, _ = fitted
-    axes = plots.parameters(found).axes[0]
+    _, result, _ = fitted
+    axes = plots.parameters(result).axes[0]
     estimated, fixed = axes.containers
     x = estimated.lines[0].get_xdata()
     scales = {"bias": 0.1, "scale_factor": 0.01, "time_offset": 1e-4, "cubic": 1e-5}
-    np.testing.assert_allclose(x, [found[name].value / scale for name, scale in scales.items()], rtol=1e-15)
+    np.testing.assert_allclose(x, [result[name].value / scale for name, scale in scales.items()], rtol=1e-15)
     half = [np.ptp(path.vertices[:, 0]) / 2.0 for path in estimated.lines[2][0].get_paths()]
-    expected = [2.0 * found[name].std / scale for name, scale in scales.items()]
+    expected = [2.0 * result[name].std / scale for name, scale in scales.items()]
     np.testing.assert_allclose(half, expected, rtol=1e-9)  # a difference of the two ends
     assert fixed.lines[0].get_xdata().tolist() == [0.0]
     assert not fixed.lines[2]
@@ -342,8 +342,8 @@ def test_thinning_keeps_least_and_largest_of_every_column():
     assert np.all(np.diff(some[0]) > 0.0)
     edges = np.linspace(t[0], t[-1], 101)
     for low, high in itertools.pairwise(edges):
-        full, kept = (v[(s > low) & (s < high)] for s, v in ((t, y), some))
-        assert (kept.min(), kept.max()) == (full.min(), full.max())
+        full, remaining = (v[(s > low) & (s < high)] for s, v in ((t, y), some))
+        assert (remaining.min(), remaining.max()) == (full.min(), full.max())
 
 
 def test_a_single_spike_survives_in_a_figure_and_the_thinning_is_said():
@@ -363,8 +363,8 @@ def test_a_short_record_is_not_thinned_and_nothing_is_said():
 
 def test_statistics_come_from_the_full_data():
     c = a_comparison(n=400_000)
-    said = texts(plots.histogram(c))
-    assert f"{np.std(c.normalised[1]):.3f}" in said
+    labels = texts(plots.histogram(c))
+    assert f"{np.std(c.normalised[1]):.3f}" in labels
 
 
 def test_a_hole_in_the_record_is_a_break_in_the_line():
@@ -380,7 +380,7 @@ def test_a_hole_in_the_record_is_a_break_in_the_line():
 
 
 def every_figure(fitted, theme):
-    _, found, c = fitted
+    _, result, c = fitted
     of_comparison = (
         plots.simulated,
         plots.coasting,
@@ -391,9 +391,9 @@ def every_figure(fitted, theme):
         plots.autocorrelation,
     )
     yield from (draw(c, theme=theme) for draw in of_comparison)
-    yield plots.parameters(found, theme=theme)
-    yield plots.nonlinearity(found, theme=theme)
-    yield plots.overview(found, c, theme=theme)
+    yield plots.parameters(result, theme=theme)
+    yield plots.nonlinearity(result, theme=theme)
+    yield plots.overview(result, c, theme=theme)
 
 
 def test_every_axis_title_carries_a_unit(fitted):
@@ -413,10 +413,10 @@ def test_no_text_leaves_the_page_or_covers_another(fitted):
         for text, box in boxes:
             assert page.x0 - 1 < box.x0 < box.x1 < page.x1 + 1, text
             assert page.y0 - 1 < box.y0 < box.y1 < page.y1 + 1, text
-        for (one, a), (two, b) in itertools.combinations(boxes, 2):
+        for (first, a), (two, b) in itertools.combinations(boxes, 2):
             width = min(a.x1, b.x1) - max(a.x0, b.x0)
             height = min(a.y1, b.y1) - max(a.y0, b.y0)
-            assert width <= 1.0 or height <= 3.0, (one, two)  # pixels; boxes may touch by the descent of a letter
+            assert width <= 1.0 or height <= 3.0, (first, two)  # pixels; boxes may touch by the descent of a letter
 
 
 def seen_texts(figure):
@@ -426,12 +426,12 @@ def seen_texts(figure):
 
     of_ticks = {label for tick in figure.findobj(Tick) for label in (tick.label1, tick.label2)}
     hidden = {text for axes in figure.axes if not axes.get_visible() for text in axes.findobj(Text)}
-    seen = [text for text in figure.findobj(Text) if text not in of_ticks | hidden]
+    texts = [text for text in figure.findobj(Text) if text not in of_ticks | hidden]
     for axes in visible_axes(figure):
         for place, axis in enumerate((axes.xaxis, axes.yaxis)):
             low, high = sorted(axis.get_view_interval())
-            seen += [label for label in axis.get_ticklabels() if low <= label.get_position()[place] <= high]
-    return [text for text in seen if text.get_visible() and text.get_text().strip()]
+            texts += [label for label in axis.get_ticklabels() if low <= label.get_position()[place] <= high]
+    return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
 def test_dark_and_light_differ_and_say_the_same(fitted):
@@ -439,8 +439,8 @@ def test_dark_and_light_differ_and_say_the_same(fitted):
         assert light.get_facecolor() != dark.get_facecolor()
         assert texts(light) == texts(dark)
         for a, b in zip(light.axes, dark.axes, strict=True):
-            for one, two in zip(a.get_lines(), b.get_lines(), strict=True):
-                np.testing.assert_array_equal(one.get_xydata(), two.get_xydata())
+            for first, two in zip(a.get_lines(), b.get_lines(), strict=True):
+                np.testing.assert_array_equal(first.get_xydata(), two.get_xydata())
 
 
 def contrast(a, b):
@@ -465,16 +465,16 @@ def test_curves_differ_in_two_cues_and_stand_out_from_the_page(theme):
 def test_a_figure_is_drawn_into_a_part_of_another(tmp_path):
     from matplotlib.figure import Figure
 
-    page, seen = Figure(figsize=(12.0, 4.0), layout="constrained"), a_comparison()
+    page, evaluation = Figure(figsize=(12.0, 4.0), layout="constrained"), a_comparison()
     left, right = page.subfigures(1, 2)
-    assert plots.coasting(seen, into=left) is page
-    plots.histogram(seen, into=right)
-    alone = plots.coasting(seen).axes[0]
+    assert plots.coasting(evaluation, into=left) is page
+    plots.histogram(evaluation, into=right)
+    alone = plots.coasting(evaluation).axes[0]
     assert [line.get_label() for line in left.axes[0].lines] == [line.get_label() for line in alone.lines]
     assert len(page.axes) == len(left.axes) + len(right.axes)
     page.savefig(tmp_path / "page.png")
     with pytest.raises(TypeError, match="into is an Axes; expected a figure of matplotlib, or one of its subfigures"):
-        plots.coasting(seen, into=page.axes[0])
+        plots.coasting(evaluation, into=page.axes[0])
 
 
 def test_unknown_theme_is_named():
@@ -509,44 +509,44 @@ def test_titles_of_axes_say_the_unit_or_that_there_is_none(unit, shown):
 
 
 def test_overview_says_the_numbers(fitted):
-    _, found, c = fitted
-    said = texts(plots.overview(found, c)).replace("\n", " ")
-    assert summary_sentence(found, c) in said
+    _, result, c = fitted
+    words = texts(plots.overview(result, c)).replace("\n", " ")
+    assert summary_sentence(result, c) in words
     for number in (c.one_step_rms, c.coast_rms[1.0], c.coast_floor[1.0], c.simulated_rms):
-        assert formatting.length(number) in said
-    assert c.worst in said
+        assert formatting.length(number) in words
+    assert c.worst in words
 
 
 def test_overview_of_a_short_record_claims_no_drift(fitted):
-    _, found, _ = fitted
-    assert "unaided drift: the record is too short" in summary_sentence(found, a_comparison(**SHORT))
+    _, result, _ = fitted
+    assert "unaided drift: the record is too short" in summary_sentence(result, a_comparison(**SHORT))
 
 
 def test_a_comparison_without_bins_or_residual_is_drawn_as_sentences(fitted):
-    _, found, _ = fitted
+    _, result, _ = fitted
     empty = a_comparison(n=6, **SHORT, bins=(), accel_residual=(np.empty(0), np.empty(0)), accel_rms=float("nan"))
     assert "too short" in texts(plots.regions(empty)).replace("\n", " ")
     assert "too short" in texts(plots.accel_residual(empty)).replace("\n", " ")
     assert "nan" not in texts(plots.accel_residual(empty))
-    plots.overview(found, empty)
+    plots.overview(result, empty)
     plots.histogram(empty)
     plots.autocorrelation(empty)
 
 
 def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
-    record, found, _ = fitted
+    record, result, _ = fitted
     c = a_comparison()
     names = [
         *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual"),
         *("histogram", "autocorrelation", "parameters", "nonlinearity"),
     ]
-    written = plots.write(alone(found, c), tmp_path / "new" / "figures")
+    written = plots.write(alone(result, c), tmp_path / "new" / "figures")
     assert written == [tmp_path / "new" / "figures" / f"{name}.{kind}" for name in names for kind in ("png", "svg")]
     assert sorted(written) == sorted((tmp_path / "new" / "figures").iterdir())
     for path in written:
         head = path.read_bytes()[:200]
         assert head.startswith(b"\x89PNG") if path.suffix == ".png" else b"<?xml" in head
-    two = verbs.compare([found, found], record)
+    two = verbs.compare([result, result], record)
     first, again = ([p.read_bytes() for p in plots.write(two, tmp_path) if p.suffix == ".png"] for _ in range(2))
     assert first == again
     dark = plots.write(two, tmp_path, theme="dark")
@@ -572,7 +572,7 @@ def test_long_traces_are_rasterised_in_svg(tmp_path):
 
 
 def test_missing_matplotlib_is_one_sentence(monkeypatch, tmp_path, fitted):
-    _, found, _ = fitted
+    _, result, _ = fitted
     real = builtins.__import__
 
     def without(name, *args, **kwargs):
@@ -585,7 +585,7 @@ def test_missing_matplotlib_is_one_sentence(monkeypatch, tmp_path, fitted):
         plots.coasting(a_comparison())
     assert str(raised.value) == 'figures need matplotlib; install it with: pip install "accelcal[plot]"'
     with pytest.raises(plots.MissingExtra):
-        plots.write(alone(found, a_comparison()), tmp_path / "none")
+        plots.write(alone(result, a_comparison()), tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 

@@ -31,7 +31,7 @@ def responded(*, odd=True):
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return responded()
 
 
@@ -44,10 +44,10 @@ def points(panel):
     return x[order], y[order], error[order], fails[order]
 
 
-def test_deviations_are_those_from_the_fit_with_the_uncertainty_of_the_point(found):
-    figure = response.sensitivity(found)
+def test_deviations_are_those_from_the_fit_with_the_uncertainty_of_the_point(result):
+    figure = response.sensitivity(result)
     (f, size, wide, fails), (_, relative, spread, _), (_, phase, _, _), (_, turned, _, _) = map(points, figure.panels)
-    fitted = found.model.best.response(f)
+    fitted = result.model.best.response(f)
     np.testing.assert_allclose(relative, 100.0 * (size / np.abs(fitted) - 1.0), atol=1e-9)
     np.testing.assert_allclose(turned, phase - np.degrees(np.unwrap(np.angle(fitted))), atol=1e-9)
     np.testing.assert_allclose(spread, 100.0 * wide / np.abs(fitted))
@@ -60,8 +60,8 @@ def test_deviations_are_those_from_the_fit_with_the_uncertainty_of_the_point(fou
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(found, theme):
-    figure = sensitivity(found, theme=theme)
+def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(result, theme):
+    figure = sensitivity(result, theme=theme)
     figure.draw_without_rendering()
     last = figure.axes[-1]
     low, high = last.get_xlim()
@@ -81,16 +81,16 @@ def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(found, them
     assert {MEASURED, FAILS} <= {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
 
 
-def test_both_kinds_of_figures_draw_the_same_numbers(found):
-    still, moving = sensitivity(found), interactive.sensitivity(found)
+def test_both_kinds_of_figures_draw_the_same_numbers(result):
+    still, moving = sensitivity(result), interactive.sensitivity(result)
     for row, axes in enumerate(still.axes):
         several = [t for t in moving.data if t.mode == "markers" and t.yaxis == (f"y{row + 1}" if row else "y")]
         for trace, container in zip(several, axes.containers, strict=True):
             np.testing.assert_allclose(np.asarray(trace.y, dtype=float), container.lines[0].get_ydata())
 
 
-def test_one_point_alone_is_drawn_without_a_fit(found):
-    alone = FrequencyResponse("shaker.csv", found.points[:1], None, (), None)
+def test_one_point_alone_is_drawn_without_a_fit(result):
+    alone = FrequencyResponse("shaker.csv", result.points[:1], None, (), None)
     assert len(sensitivity(alone).axes) == 2
     assert len(interactive.sensitivity(alone).data) == 2
     assert response_rows(alone)[0][-1] == ""
@@ -98,11 +98,11 @@ def test_one_point_alone_is_drawn_without_a_fit(found):
     assert response_sentences(alone) == ["Too few points for a parametric fit."]
 
 
-def test_rows_say_the_numbers_to_the_digits_of_their_uncertainty(found):
-    row, point = response_rows(found)[ODD], found.points[ODD]
+def test_rows_say_the_numbers_to_the_digits_of_their_uncertainty(result):
+    row, point = response_rows(result)[ODD], result.points[ODD]
     assert float(row[1]) == pytest.approx(point.magnitude, abs=0.1 * point.expanded)
     assert row[6].endswith(", fails")
-    assert sum("fails" in cells[6] for cells in response_rows(found)) == len(found.model.failing)
-    assert fit_rows(found)[0][0] == found.model.best.structure.name
-    assert fit_rows(found)[0][5] == "chosen"
-    assert "It fails at" in response_sentences(found)[0]
+    assert sum("fails" in cells[6] for cells in response_rows(result)) == len(result.model.failing)
+    assert fit_rows(result)[0][0] == result.model.best.structure.name
+    assert fit_rows(result)[0][5] == "chosen"
+    assert "It fails at" in response_sentences(result)[0]

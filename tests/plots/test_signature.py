@@ -20,8 +20,8 @@ from accelcal.plots.signature import (
 def variable(name):
     s = card_motion()
     shape = typical_shape(find(name), s)
-    found = dependence(find(name), s, shape, contributions(find(name), s, shape))
-    return None if found is None else found[0]
+    result = dependence(find(name), s, shape, contributions(find(name), s, shape))
+    return None if result is None else result[0]
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,10 @@ def file_of(name: str) -> Path:
     folder = os.environ.get("ACCELCAL_REAL_DATA")
     if not folder:
         pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    found = sorted(Path(folder).rglob(f"{name}.csv"))
-    if not found:
+    ordered = sorted(Path(folder).rglob(f"{name}.csv"))
+    if not ordered:
         pytest.skip(f"{name}.csv is not under {folder}")
-    return found[0]
+    return ordered[0]
 
 
 def recording(name: str, sidecar: str | None = None) -> Recording:

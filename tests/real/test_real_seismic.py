@@ -29,10 +29,10 @@ def in_band(y: Array) -> Array:
     return np.asarray(scipy.signal.sosfiltfilt(sections, y))
 
 
-def reference(made: Recording) -> Array:
+def reference(record: Recording) -> Array:
     """Acceleration of the seismometer at its readings, m/s²."""
-    t = made.position.t
-    return np.asarray(scipy.interpolate.make_interp_spline(t, made.position.y, k=5)(t, 2))
+    t = record.position.t
+    return np.asarray(scipy.interpolate.make_interp_spline(t, record.position.y, k=5)(t, 2))
 
 
 def delayed(t: Array, y: Array, by: float) -> Array:
@@ -42,8 +42,8 @@ def delayed(t: Array, y: Array, by: float) -> Array:
 
 @pytest.mark.parametrize("axis", ["e", "n"])
 def test_the_accelerometer_is_late_by_cross_correlation(axis: str) -> None:
-    made = recording(f"bpaw_{axis}")
-    t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
+    record = recording(f"bpaw_{axis}")
+    t, output, motion = record.accel.t, in_band(record.accel.y), in_band(reference(record))
     delays = np.linspace(-0.02, 0.02, 81)
     best = max(delays, key=lambda d: float(output @ delayed(t, motion, d)))
     assert best == pytest.approx(7.4e-3, abs=0.8e-3)
@@ -52,21 +52,21 @@ def test_the_accelerometer_is_late_by_cross_correlation(axis: str) -> None:
 @pytest.mark.parametrize("axis", ["e", "n"])
 @pytest.mark.parametrize("half", [0, 1])
 def test_each_half_gives_delay_and_cross_axis_and_predicts_the_other(axis: str, half: int) -> None:
-    made = recording(f"bpaw_{axis}")
+    record = recording(f"bpaw_{axis}")
     k, cross, coefficient = TRUTH[axis]
-    side_channels([(name, channel.unit) for name, channel in made.side.items()])
+    side_channels([(name, channel.unit) for name, channel in record.side.items()])
     start, end = HALVES[half]
-    found = ac.fit(made, ac.Model.linear().add(cross), start=start, end=end)
-    print(axis, half, found, found.runs[0].noise.band)
-    t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
-    predicted = found.values().scale * delayed(t, motion, found["time_offset"].value)
-    predicted += found[cross].value * in_band(made.side[cross].y)
+    fit = ac.fit(record, ac.Model.linear().add(cross), start=start, end=end)
+    print(axis, half, fit, fit.runs[0].noise.band)
+    t, output, motion = record.accel.t, in_band(record.accel.y), in_band(reference(record))
+    predicted = fit.values().scale * delayed(t, motion, fit["time_offset"].value)
+    predicted += fit[cross].value * in_band(record.side[cross].y)
     other = (t > HALVES[1 - half][0]) & (t < HALVES[1 - half][1] - 2.0)
     share = float(np.std(output[other] - predicted[other]) / np.std(output[other]))
     print(f"held out {share:.4f}")
-    assert found["time_offset"].value == pytest.approx(7.4e-3, abs=0.8e-3)
-    assert found[cross].value == pytest.approx(coefficient, abs=0.012)
-    assert found["scale_factor"].value == pytest.approx(k, abs=0.01)
+    assert fit["time_offset"].value == pytest.approx(7.4e-3, abs=0.8e-3)
+    assert fit[cross].value == pytest.approx(coefficient, abs=0.012)
+    assert fit["scale_factor"].value == pytest.approx(k, abs=0.01)
     assert share <= 0.012
 
 

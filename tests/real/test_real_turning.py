@@ -21,23 +21,23 @@ MOST_LEFT = {"broad_trial10": 0.15, "broad_trial15": 0.70}
 @pytest.mark.parametrize(("name", "axis"), [("broad_trial10", "y"), ("broad_trial15", "x"), ("broad_trial15", "z")])
 def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -> None:
     whole = recording(name, f"turning/broad_{axis}")
-    found = ac.fit(whole.part(0.0, PART))
-    left = ac.compare(found, whole.part(PART, 2.0 * PART), band=10.0)[0].accel_rms
-    print(f"{name} {axis}: {found}; held out below 10 Hz: {left:.3f} m/s²")
-    assert found.tilt == 0.0
-    assert abs(found["scale_factor"].value) < 0.02
+    fit = ac.fit(whole.part(0.0, PART))
+    left = ac.compare(fit, whole.part(PART, 2.0 * PART), band=10.0)[0].accel_rms
+    print(f"{name} {axis}: {fit}; held out below 10 Hz: {left:.3f} m/s²")
+    assert fit.tilt == 0.0
+    assert abs(fit["scale_factor"].value) < 0.02
     assert left <= MOST_LEFT[name]
-    if found["time_offset"].std < 2e-4:  # a band below the motion's own tells no delay
-        assert found["time_offset"].value == pytest.approx(2.5e-3, abs=0.7e-3)
+    if fit["time_offset"].std < 2e-4:  # a band below the motion's own tells no delay
+        assert fit["time_offset"].value == pytest.approx(2.5e-3, abs=0.7e-3)
 
 
 def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
     whole = recording("drive", "turning/car_gyroscope")
-    found = ac.fit(whole.part(0.0, 40.0))
-    left = ac.compare(found, whole.part(40.0, 60.0), band=1.0)[0].accel_rms
-    print(f"car: {found}; held out below 1 Hz: {left:.3f} m/s²")
-    assert found.values().scale == pytest.approx(0.99, abs=0.02)
-    tilt = found["gyroscope_tilt.1"]
+    fit = ac.fit(whole.part(0.0, 40.0))
+    left = ac.compare(fit, whole.part(40.0, 60.0), band=1.0)[0].accel_rms
+    print(f"car: {fit}; held out below 1 Hz: {left:.3f} m/s²")
+    assert fit.values().scale == pytest.approx(0.99, abs=0.02)
+    tilt = fit["gyroscope_tilt.1"]
     assert tilt.std < 0.6  # m/s² per rad; gravity is 9.81
     assert abs(abs(tilt.value) - 9.81) < 3.0 * tilt.std
     assert left <= 0.10
@@ -48,9 +48,9 @@ def test_without_it_tilt_comes_first() -> None:
     fitted = ac.fit(whole)
     assert fitted.remarks[0].code == "slow_residual"
     assert fitted["scale_factor"].std > 0.02  # it knows that it does not know: 0.006 with the gyroscope
-    found = ac.improve(whole)
-    assert found.sentence.startswith("A tilt of")
-    assert found.effects == ()
+    improvement = ac.improve(whole)
+    assert improvement.sentence.startswith("A tilt of")
+    assert improvement.effects == ()
 
 
 LEGS = {
@@ -67,10 +67,10 @@ LEGS = {
 def test_two_accelerometers_in_one_housing_show_no_tilt(side: str, axis: str) -> None:
     file = file_of(f"{side}_Lower_Leg")
     whole = io.load(file, rig=file.with_name(f"{side}_Lower_Leg_{axis}.toml"))
-    found = ac.fit(whole)
+    fit = ac.fit(whole)
     for name, expected in zip(("scale_factor", "time_offset"), LEGS[side, axis], strict=True):
-        assert abs(found[name].value - expected) < 3.0 * found[name].std
-    assert found.tilt == 0.0
-    judged = ac.diagnose(found, whole)
+        assert abs(fit[name].value - expected) < 3.0 * fit[name].std
+    assert fit.tilt == 0.0
+    judged = ac.diagnose(fit, whole)
     assert not {"turning_sensor", "tilt_or_drift", "disturbed"} & {remark.code for remark in judged.remarks}
     assert "held_samples" not in judged.effects

@@ -94,12 +94,12 @@ def blocking(tau: float) -> Declared:
 
 def keys(filters: Sequence[Declared]) -> list[str]:
     """Return the entries of the sidecar for the filters of one channel."""
-    found = []
+    results = []
     for key, high in (("lowpass", False), ("highpass", True)):
         tables = [f.text for f in filters if f.high == high]
         if tables:
-            found.append(f"{key} = {tables[0] if len(tables) == 1 else '[' + ', '.join(tables) + ']'}")
-    return found
+            results.append(f"{key} = {tables[0] if len(tables) == 1 else '[' + ', '.join(tables) + ']'}")
+    return results
 
 
 def analog(filters: Sequence[Declared]) -> list[complex]:

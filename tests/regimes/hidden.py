@@ -147,7 +147,7 @@ def at_strength(regime: Regime, name: str, seed: int) -> tuple[float, float]:
     raise OutOfReach("does not reach d = 20")
 
 
-def seen(motion: Motion, name: str, magnitude: float, instant: float, t: Array) -> Array:
+def displacement_of(motion: Motion, name: str, magnitude: float, instant: float, t: Array) -> Array:
     """Return the double integral of what an effect adds, m; exact for a lag, whose transients are short."""
     if name == "sensor_lag":
         return motion.lagged_position(t, magnitude) - motion.position(t)
@@ -158,7 +158,7 @@ def strength(regime: Regime, motion: Motion, name: str, magnitude: float, instan
     """Return d of an effect; of "base", d of a scale factor, which the base explains."""
     reference, density = regime.rig.reference, regime.rig.sensor.density * UG
     t = np.arange(int(FITTED * regime.seconds * reference.rate)) / reference.rate
-    added = magnitude * motion.position(t) if name == "base" else seen(motion, name, magnitude, instant, t)
+    added = magnitude * motion.position(t) if name == "base" else displacement_of(motion, name, magnitude, instant, t)
     columns = [t**2 / 2, motion.position(t), motion.velocity(t), added]
     if name == "sensor_lag":  # the base's own delay takes most of it up, and is then what is named
         del columns[2]
@@ -195,7 +195,7 @@ def jitter_gain(regime: Regime, seed: int) -> float:
     """Return sum (l - ln(1 + l)) over samples and frequencies, l = power of the jitter's error over the noise."""
     motion, sensor = regime.motion(seed), regime.rig.sensor
     t = stamps(sensor.rate, FITTED * regime.seconds, stream(seed, 9))
-    seen = motion.a.behind(lowpass(sensor))
-    slope = (seen(t + JITTER / 2) - seen(t - JITTER / 2)) / JITTER
+    motion_seen = motion.a.behind(lowpass(sensor))
+    slope = (motion_seen(t + JITTER / 2) - motion_seen(t - JITTER / 2)) / JITTER
     power = (JITTER * slope[::16, None]) ** 2 / sample_density(regime)
     return float(np.mean(power - np.log1p(power)) * len(t))

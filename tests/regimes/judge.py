@@ -72,9 +72,9 @@ def in_class(outcome: Outcome) -> bool:
 
 def errors(outcome: Outcome, parameters: Iterable[str] | None = None) -> list[float]:
     """Errors of the comparable parameters over their standard deviations."""
-    kept = [p for p in TABLE[outcome["regime"]].compare if parameters is None or p in parameters]
-    found = outcome.get("estimates", {})
-    return [(found[p][0] - found[p][2]) / found[p][1] for p in kept if p in found]
+    remaining = [p for p in TABLE[outcome["regime"]].compare if parameters is None or p in parameters]
+    result = outcome.get("estimates", {})
+    return [(result[p][0] - result[p][2]) / result[p][1] for p in remaining if p in result]
 
 
 def budget(regime: Regime) -> float:
@@ -109,7 +109,7 @@ def lines(outcomes: Sequence[Outcome]) -> list[Line]:
     beyond = [abs(z) > FAR for o in ran for z in errors(o)]
     blamed = [o["verdict"] == "unexplained" for o in ran if not TABLE[o["regime"]].unexplained]
     met = [o["verdict"] == TABLE[o["regime"]].expected for o in ran if TABLE[o["regime"]].expected]
-    found = [
+    results = [
         rarely("records with a false name", [bool(false_names(o)) for o in ran], FALSE_RATE),
         rarely("parameters beyond 4 sigma", beyond, BEYOND_RATE),
         *(_pooled(p, [z for o in ran for z in errors(o, [p])]) for p in JUDGED),
@@ -121,8 +121,8 @@ def lines(outcomes: Sequence[Outcome]) -> list[Line]:
     at_rest = [o for o in outcomes if TABLE[o["regime"]].profile == "rest"]
     if at_rest:
         kinds = {o.get("verdict", "refused") for o in at_rest}
-        found.append(Line("verdicts at rest", ", ".join(sorted(kinds)), f"of {len(at_rest)}", "one", len(kinds) == 1))
-    return found
+        results.append(Line("verdicts at rest", ", ".join(sorted(kinds)), f"of {len(at_rest)}", "one", len(kinds) == 1))
+    return results
 
 
 def common(outcomes: Sequence[Outcome]) -> Iterator[Line]:
@@ -194,7 +194,7 @@ def rows(outcomes: Sequence[Outcome]) -> Iterator[str]:
         if not ours:
             continue
         false = [false_names(o) for o in ours]
-        count = {n: sum(n in one for one in false) for one in false for n in one}
+        count = {n: sum(n in verdict for verdict in false) for verdict in false for n in verdict}
         shown = ", ".join(f"{n} {c}" for n, c in sorted(count.items(), key=lambda item: -item[1]))
         far = sum(any(abs(z) > FAR for z in errors(o)) for o in ours)
         failed = f"{sum('error' in o for o in ours)}, {sum('refused' in o for o in ours)}"

@@ -99,13 +99,13 @@ def recursion(decay: NDArray[np.complex128], drive: NDArray[np.complex128], begi
     if np.ptp(np.abs(decay)) < 1e-9 * np.abs(decay[0]):  # pieces of one length, up to the rounding of knots
         tail = lfilter([1.0], [1.0, -decay[0]], np.concatenate(([begin], drive[:-1])))
         return np.asarray(tail, dtype=complex)
-    found = np.empty(len(drive), dtype=complex)
+    result = np.empty(len(drive), dtype=complex)
     x = complex(begin)
     factors, steps = decay.tolist(), drive.tolist()
     for k in range(len(steps)):
-        found[k] = x
+        result[k] = x
         x = factors[k] * x + steps[k]
-    return found
+    return result
 
 
 def residues(poles: Sequence[complex]) -> NDArray[np.complex128]:

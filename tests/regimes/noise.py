@@ -22,11 +22,11 @@ def ornstein_uhlenbeck(t: Array, deviation: float, tau: float, shocks: Array) ->
     drive = deviation * shocks * np.sqrt(1 - np.concatenate(([0.0], keep)) ** 2)
     if len(dt) and np.ptp(dt) < 1e-9:
         return np.asarray(lfilter([1.0], [1.0, -keep[0]], drive))
-    found, x, factors = np.empty(len(t)), 0.0, [0.0, *keep.tolist()]
+    result, x, factors = np.empty(len(t)), 0.0, [0.0, *keep.tolist()]
     for k, (factor, step) in enumerate(zip(factors, drive.tolist(), strict=True)):
         x = factor * x + step
-        found[k] = x
-    return found
+        result[k] = x
+    return result
 
 
 def behind_poles(n: int, dt: float, density: float, poles: Sequence[complex], rng: np.random.Generator) -> Array:
@@ -47,14 +47,14 @@ def behind_poles(n: int, dt: float, density: float, poles: Sequence[complex], rn
     Q = F @ block[:m, m:]
     root = np.linalg.cholesky((Q + Q.T) / 2 + 1e-18 * np.trace(Q) * np.eye(m))
     shocks = rng.standard_normal((n, m)) @ root.T
-    x, found = np.zeros(m), np.empty(n)
+    x, result = np.zeros(m), np.empty(n)
     settle = int(np.ceil(20 / np.min(np.abs(np.real(poles))) / dt))
     for _ in range(min(settle, 10_000)):
         x = F @ x + root @ rng.standard_normal(m)
     for k in range(n):
         x = F @ x + shocks[k]
-        found[k] = x[0]
-    return found
+        result[k] = x[0]
+    return result
 
 
 def student(n: int, freedom: float, rng: np.random.Generator) -> Array:
@@ -107,11 +107,11 @@ def holes(n: int, share: float, length: int, rng: np.random.Generator) -> NDArra
         return np.zeros(n, dtype=bool)
     if length <= 1:
         return np.asarray(rng.random(n) < share)
-    gone = np.zeros(n, dtype=bool)
-    while np.mean(gone) < share:
+    lost = np.zeros(n, dtype=bool)
+    while np.mean(lost) < share:
         begin = int(rng.integers(n))
-        gone[begin : begin + int(rng.integers(length // 2, length * 3 // 2 + 1))] = True
-    return gone
+        lost[begin : begin + int(rng.integers(length // 2, length * 3 // 2 + 1))] = True
+    return lost
 
 
 def held(t: Array, rate: float, rng: np.random.Generator) -> Array:

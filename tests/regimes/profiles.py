@@ -262,8 +262,8 @@ def rest(seconds: float, rng: np.random.Generator) -> Motion:
 
 
 PROFILES: dict[str, Callable[[float, np.random.Generator], Motion]] = {
-    one.__name__: one
-    for one in (
+    segment.__name__: segment
+    for segment in (
         *(trapezoid, s_curve, cosine, minimum_jerk, smooth, random, one_sided, mixed, chirp),
         *(shaker, tone, hand, tremor, creep, rest),
     )

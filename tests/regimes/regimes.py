@@ -196,9 +196,9 @@ def _filters() -> Iterator[Regime]:
             label = "-rc" if low else ""
             yield Regime(f"t-highpass{tau:g}{label}", "mixed", rig, compare=PARAMETERS[1:])
     references = {"lag200": single_pole(200.0), "butter200": butterworth(200.0, 2), "butter50": butterworth(50.0, 4)}
-    for name, one in references.items():
-        yield Regime(f"t-position-{name}", "mixed", Rig(reference=Reference(filters=(one,))))
-        yield Regime(f"t-position-{name}-cxl02", "mixed", Rig(CXL02, Reference(filters=(one,))))
+    for name, reference in references.items():
+        yield Regime(f"t-position-{name}", "mixed", Rig(reference=Reference(filters=(reference,))))
+        yield Regime(f"t-position-{name}-cxl02", "mixed", Rig(CXL02, Reference(filters=(reference,))))
     coupled = Rig(reference=Reference(filters=(blocking(1.0),)))
     yield Regime("t-position-highpass1", "mixed", coupled, compare=PARAMETERS[1:])
 

@@ -226,8 +226,8 @@ def _accelerometer(
         y[i] += planted.wrong_size * rng.choice([-1.0, 1.0])
     y = np.clip(y, -sensor.range * G0, sensor.range * G0)
     y[holes(len(y), *clocks.missing_accel, rng)] = np.nan
-    kept = _recorded(t, clocks, seconds)
-    return _rounded(t[kept], clocks.rounding), y[kept]
+    remaining = _recorded(t, clocks, seconds)
+    return _rounded(t[remaining], clocks.rounding), y[remaining]
 
 
 def _recorded(t: Array, clocks: Clocks, seconds: float) -> NDArray[np.bool_]:
@@ -277,8 +277,8 @@ def _position(motion: Motion, rig: Rig, seconds: float, rng: np.random.Generator
     if reference.resolution is not None:
         z = reference.resolution * np.rint(z / reference.resolution)
     z[holes(len(z), *clocks.missing_position, rng)] = np.nan
-    kept = _recorded(t, clocks, seconds)
-    return _rounded(t[kept], clocks.rounding), z[kept]
+    remaining = _recorded(t, clocks, seconds)
+    return _rounded(t[remaining], clocks.rounding), z[remaining]
 
 
 def _rounded(t: Array, step: float) -> Array:

@@ -93,17 +93,17 @@ def test_a_signal_behind_poles_equals_a_fine_solution(poles: list[complex]) -> N
         force = u.first[k] + u.slope[k] * (t - u.knots[k])
         return np.append(x[1:], coefficients[-1] * force - coefficients[:0:-1] @ x)
 
-    x, seen, at = np.zeros(m), [], []
+    x, positions, at = np.zeros(m), [], []
     for k in range(len(motion.a.first)):  # piece by piece, so that the solver never crosses a jump
         begin, end = motion.a.knots[k : k + 2]
         inside = np.linspace(begin, end, 5)
         solved = solve_ivp(rates, (begin, end), x, args=(motion.a, k), rtol=1e-11, atol=1e-13, t_eval=inside)
         x = solved.y[:, -1]
-        seen += solved.y[0].tolist()
+        positions += solved.y[0].tolist()
         at += inside.tolist()
-    np.testing.assert_allclose(motion.a.behind(poles)(np.array(at)), seen, atol=1e-9)  # of the solver
+    np.testing.assert_allclose(motion.a.behind(poles)(np.array(at)), positions, atol=1e-9)  # of the solver
     away = motion.a.behind([1.05 * p for p in poles])(np.array(at))
-    assert np.max(np.abs(away - seen)) > 1e-3
+    assert np.max(np.abs(away - positions)) > 1e-3
 
 
 def test_pieces_of_one_length_and_of_many_give_one_answer() -> None:

@@ -49,7 +49,7 @@ def test_the_file_of_a_regime_is_read_by_the_product(name: str, tmp_path: Path) 
 
 def test_names_and_failing_beginnings_fit_the_table() -> None:
     assert len(TABLE) > 150
-    assert all(any(name.startswith(one) for name in TABLE) for one in FAILING)
+    assert all(any(name.startswith(prefix) for name in TABLE) for prefix in FAILING)
     assert all(name == regime.name for name, regime in TABLE.items())
     trials = list(plan(list(TABLE), None, 1))
     assert len({t.key for t in trials}) == len({t.record_seed for t in trials}) == len(trials) >= 600
@@ -81,11 +81,11 @@ def test_noise_behind_poles_has_the_power_that_the_poles_leave() -> None:
 
 def test_flicker_has_a_flat_allan_deviation_at_its_instability() -> None:
     rng = np.random.default_rng(RNG)
-    found = []
+    results = []
     for _ in range(20):
         means = flicker(20_000, 1e-2, 3.0, rng).reshape(-1, 200).mean(axis=1)  # 2 s
-        found.append(np.mean(np.diff(means) ** 2) / 2)
-    assert np.sqrt(np.mean(found)) == pytest.approx(3.0, rel=0.08)  # 2000 pairs: 2 %; averaging below 1/(2 s): 3 %
+        results.append(np.mean(np.diff(means) ** 2) / 2)
+    assert np.sqrt(np.mean(results)) == pytest.approx(3.0, rel=0.08)  # 2000 pairs: 2 %; averaging below 1/(2 s): 3 %
 
 
 def test_heavy_tails_and_drift_have_their_variance() -> None:
@@ -125,9 +125,9 @@ def test_stamps_are_rounded_and_samples_held_or_missing() -> None:
     rng = np.random.default_rng(RNG)
     assert np.all(np.diff(held(np.arange(0.1, 1, 1e-3), 400.0, rng)) >= 0)
     for length in (1, 100):
-        gone = holes(20_000, 0.3, length, rng)
-        assert np.mean(gone) == pytest.approx(0.3, abs=0.02)
-        assert np.count_nonzero(np.diff(gone.astype(int)) == 1) < (5000 if length == 1 else 120)
+        lost = holes(20_000, 0.3, length, rng)
+        assert np.mean(lost) == pytest.approx(0.3, abs=0.02)
+        assert np.count_nonzero(np.diff(lost.astype(int)) == 1) < (5000 if length == 1 else 120)
 
 
 def test_output_is_late_by_the_time_offset() -> None:
@@ -142,8 +142,8 @@ def test_output_is_late_by_the_time_offset() -> None:
 
 def test_a_turning_sensor_feels_its_tilt() -> None:
     still = low_noise(Rig(replace(phone(100.0), tilt=3.0)), seconds=60.0).build(6)
-    seen = np.degrees((still.accel - still.truth["bias"]) / G0)
-    assert np.std(seen) == pytest.approx(3.0, rel=0.2)
+    tilt = np.degrees((still.accel - still.truth["bias"]) / G0)
+    assert np.std(tilt) == pytest.approx(3.0, rel=0.2)
 
 
 @pytest.mark.parametrize("name", hidden.EFFECTS)
@@ -182,8 +182,8 @@ def test_wrong_samples_are_as_many_as_planted() -> None:
 
 
 def outcome(regime: str = "a-mixed-adxl105", hidden: str = "", z: float = 0.1, **more: object) -> dict:
-    found = {n: [1.0 + z * 0.1, 0.1, 1.0] for n in ("bias", "scale_factor", "time_offset")}
-    plain = {"effects": [], "classes": [], "verdict": "adequate", "estimates": found, "seconds": 3.0}
+    results = {n: [1.0 + z * 0.1, 0.1, 1.0] for n in ("bias", "scale_factor", "time_offset")}
+    plain = {"effects": [], "classes": [], "verdict": "adequate", "estimates": results, "seconds": 3.0}
     return {"regime": regime, "hidden": hidden, "key": "", **plain, **more}
 
 
@@ -191,15 +191,15 @@ def draws(n: int = 400, scale: float = 1.0) -> list[dict]:
     """Outcomes with unit normal errors, spread over two regimes."""
     z = np.random.default_rng(RNG).standard_normal(n)
     z *= scale / np.sqrt(np.mean(z**2))
-    return [outcome(("a-mixed-adxl105", "p-temp-noisy")[k % 2], z=float(one)) for k, one in enumerate(z)]
+    return [outcome(("a-mixed-adxl105", "p-temp-noisy")[k % 2], z=float(score)) for k, score in enumerate(z)]
 
 
-def line(found: list[Line], claim: str) -> Line:
-    return next(one for one in found if claim in one.claim)
+def line(results: list[Line], claim: str) -> Line:
+    return next(row for row in results if claim in row.claim)
 
 
 def test_lines_hold_for_right_outcomes() -> None:
-    assert all(one.holds for one in lines(draws())), [one.text for one in lines(draws())]
+    assert all(line.holds for line in lines(draws())), [line.text for line in lines(draws())]
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_names_are_false_unless_they_are_in_the_record_or_its_class() -> None:
 
 def test_hidden_lines_hold_and_fail() -> None:
     right = [outcome(hidden=name, effects=[name], classes=[[name]]) for name in hidden.PLANTED]
-    assert all(one.holds for one in hidden_lines(right))
+    assert all(hidden_line.holds for hidden_line in hidden_lines(right))
     missed = [{**o, "effects": [], "classes": []} for o in right]
     assert [o.holds for o in hidden_lines(missed)[:3]] == [False, False, False]
     extra = [{**o, "effects": [*o["effects"], "tone"]} for o in right]
@@ -240,11 +240,11 @@ def test_hidden_lines_hold_and_fail() -> None:
 
 
 def test_a_clean_record_runs_through_the_product_and_a_refusal_is_an_outcome() -> None:
-    found = run(Trial("j-10s", 0, 1))
-    assert "error" not in found
-    assert set(found["estimates"]) == {"bias", "scale_factor", "time_offset"}
-    assert all(abs(z) < 5 for z in errors(found))
-    assert found["seconds"] < 30.0
+    result = run(Trial("j-10s", 0, 1))
+    assert "error" not in result
+    assert set(result["estimates"]) == {"bias", "scale_factor", "time_offset"}
+    assert all(abs(z) < 5 for z in errors(result))
+    assert result["seconds"] < 30.0
     assert run(Trial("l-creep", 0, 1, "cubic"))["skipped"]
 
 

@@ -77,8 +77,8 @@ def run(trial: Trial) -> Outcome:
         begin = time.process_time()
         _alarm(LONGEST)
         try:
-            found = verbs.improve(load(path))
-            outcome |= summary(found, record.truth)
+            improvement = verbs.improve(load(path))
+            outcome |= summary(improvement, record.truth)
         except NotIdentifiable as refused:
             outcome["refused"] = str(refused)
         except Exception:
@@ -102,13 +102,13 @@ def _stop(number: int, frame: object) -> None:
     raise TimeoutError(f"stopped after {LONGEST:g} s of processor time")
 
 
-def summary(found: verbs.Improvement, truth: Mapping[str, float]) -> Outcome:
+def summary(result: verbs.Improvement, truth: Mapping[str, float]) -> Outcome:
     """Names, classes, verdict and estimates beside the truth."""
-    free = {e.name: e for e in found.steps[-1].fit.estimates if e.std > 0.0}
+    free = {e.name: e for e in result.steps[-1].fit.estimates if e.std > 0.0}
     return {
-        "effects": list(found.effects),
-        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
-        "verdict": found.diagnosis.verdict,
-        "sentence": found.diagnosis.sentence,
+        "effects": list(result.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in result.classes],
+        "verdict": result.diagnosis.verdict,
+        "sentence": result.diagnosis.sentence,
         "estimates": {n: [free[n].value, free[n].std, true] for n, true in truth.items() if n in free},
     }

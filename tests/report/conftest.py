@@ -18,14 +18,14 @@ FILE = '<img src=x onerror=alert(2)> & "run".csv'
 
 
 def record(seed, uncertainty=None):
-    made = ac.simulate(
+    recording = ac.simulate(
         "interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
     ).recording
     t = np.arange(0.0, 20.0, 0.5)
     channel = Channel(HOSTILE, t, np.random.default_rng(seed).standard_normal(len(t)), "V")
-    sensor = replace(made.rig.sensor, scale=0.1, scale_unit="V", zero=2.5)
-    rig = replace(made.rig, sensor=sensor, uncertainty=uncertainty or Uncertainty())
-    return replace(made, rig=rig, side={HOSTILE: channel}, name=FILE, digest=f"{seed:064x}")
+    sensor = replace(recording.rig.sensor, scale=0.1, scale_unit="V", zero=2.5)
+    rig = replace(recording.rig, sensor=sensor, uncertainty=uncertainty or Uncertainty())
+    return replace(recording, rig=rig, side={HOSTILE: channel}, name=FILE, digest=f"{seed:064x}")
 
 
 @pytest.fixture(scope="session")

@@ -43,13 +43,13 @@ class Page(HTMLParser):
 
     def outside(self):
         """Return everything that would be fetched from elsewhere."""
-        found = [url for url in self.loads if not url.startswith(("#", "data:"))]
+        results = [url for url in self.loads if not url.startswith(("#", "data:"))]
         for style in self.styles:
-            found += re.findall(r"@import[^;]*", style)
-            found += [
+            results += re.findall(r"@import[^;]*", style)
+            results += [
                 url for url in re.findall(r"url\(([^)]*)\)", style) if not url.strip("'\"").startswith(("#", "data:"))
             ]
-        return found
+        return results
 
     def count(self, tag):
         return sum(1 for name, _ in self.elements if name == tag)

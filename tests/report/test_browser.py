@@ -28,43 +28,43 @@ def opened(browser, path, width=1280, scheme="light"):
     """Open a page offline; return it with everything that it asked for and said."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True)
     page = context.new_page()
-    asked, said = [], []
+    asked, messages = [], []
     page.on("request", lambda request: asked.append(request.url))
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("dialog", lambda dialog: (said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+    page.on("console", lambda message: messages.append(message.text))
+    page.on("pageerror", lambda error: messages.append(str(error)))
+    page.on("dialog", lambda dialog: (messages.append(f"dialog: {dialog.message}"), dialog.dismiss()))
     page.goto(path.as_uri())
-    return page, asked, said
+    return page, asked, messages
 
 
 def overlapping(plot):
     """Pairs of texts that cover each other by more than two pixels, and texts that leave the figure."""
     texts = plot["texts"]
-    found = [
+    results = [
         (a["text"], b["text"])
         for i, a in enumerate(texts)
         for b in texts[i + 1 :]
         if min(a["right"], b["right"]) - max(a["left"], b["left"]) > 2
         and min(a["bottom"], b["bottom"]) - max(a["top"], b["top"]) > 2
     ]
-    found += [
+    results += [
         (t["text"], "edge")
         for t in texts
         if t["left"] < -1 or t["top"] < -1 or t["right"] > plot["width"] + 1 or t["bottom"] > plot["height"] + 1
     ]
-    return found
+    return results
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "light"), (1920, "dark")])
 @pytest.mark.parametrize("which", ["lacking", "complete"])
 def test_every_figure_is_drawn_without_network_or_complaint(browser, files, which, width, scheme):
-    page, asked, said = opened(browser, files / f"{which}.html", width, scheme)
+    page, asked, message = opened(browser, files / f"{which}.html", width, scheme)
     page.wait_for_selector("html[data-ready=true]", state="attached", timeout=60_000)
     assert page.get_attribute("html", "data-theme") == scheme
     drawn, wanted = page.locator(".plot:has(.main-svg)").count(), page.locator(".plot").count()
     assert drawn == wanted >= 14
     assert asked == [(files / f"{which}.html").as_uri()]
-    assert said == []
+    assert message == []
     plots = page.evaluate(BOXES)
     assert sum(len(p["texts"]) for p in plots) > 60
     assert {p["name"]: overlapping(p) for p in plots if overlapping(p)} == {}
@@ -82,7 +82,7 @@ def test_overlapping_and_clipped_texts_are_caught():
 
 
 def test_the_theme_turns_without_losing_data(browser, files):
-    page, _, said = opened(browser, files / "complete.html")
+    page, _, message = opened(browser, files / "complete.html")
     page.wait_for_selector("html[data-ready=true]", state="attached", timeout=60_000)
     before = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.data.map(t => t.name || t.type))")
     page.get_by_role("button", name="Dark theme").click()
@@ -91,17 +91,17 @@ def test_the_theme_turns_without_losing_data(browser, files):
     assert after == before
     colours = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.layout.paper_bgcolor)")
     assert set(colours) == {"#15171C"}
-    assert said == []
+    assert message == []
     page.context.close()
 
 
 def test_the_light_page_shows_its_pictures(browser, files):
-    page, asked, said = opened(browser, files / "light.html")
+    page, asked, message = opened(browser, files / "light.html")
     sizes = page.evaluate("() => [...document.images].map(i => [i.naturalWidth, i.naturalHeight])")
     assert len(sizes) >= 8
     assert all(w > 100 and h > 100 for w, h in sizes)
     assert [url for url in asked if not url.startswith("data:")] == [(files / "light.html").as_uri()]
-    assert said == []
+    assert message == []
     page.context.close()
 
 

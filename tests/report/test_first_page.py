@@ -66,9 +66,9 @@ def test_an_empty_page_is_caught(sheets):
 
 
 def test_there_is_one_typeface(complete):
-    made = typeset("paper.typ", *paper(complete))
-    streams = re.findall(rb"stream\r?\n(.*?)endstream", made, flags=re.DOTALL)
-    text = made + b"".join(zlib.decompressobj().decompress(s) for s in streams if s.startswith(b"x"))
+    pdf = typeset("paper.typ", *paper(complete))
+    streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, flags=re.DOTALL)
+    text = pdf + b"".join(zlib.decompressobj().decompress(s) for s in streams if s.startswith(b"x"))
     names = set(re.findall(rb"/FontName\s*/\w+\+(\w+)", text))
     assert names
     assert all(name.startswith(b"DejaVuSans") and b"Mono" not in name for name in names), names
@@ -87,12 +87,12 @@ def test_page_and_paper_say_the_same(lacking, pages):
 
 
 def test_conditions_are_those_of_the_recording(labelled, lacking):
-    said = dict(first_page(labelled)["conditions"])
-    assert said["date"] == "2026-11-03"
-    assert (said["operator"], said["mounting"]) == ("A. Meier", "holder 2")
+    conditions = dict(first_page(labelled)["conditions"])
+    assert conditions["date"] == "2026-11-03"
+    assert (conditions["operator"], conditions["mounting"]) == ("A. Meier", "holder 2")
     run = labelled.recording
-    assert f"{len(run.accel) // 1000} {len(run.accel) % 1000:03d} samples" in said["sampling"]
-    assert said["temperature"] == "not recorded"
+    assert f"{len(run.accel) // 1000} {len(run.accel) % 1000:03d} samples" in conditions["sampling"]
+    assert conditions["temperature"] == "not recorded"
     assert dict(first_page(lacking)["conditions"])["operator"] == "not declared"
     digests = [entry["digest"] for entry in first_page(lacking)["files"]]
     assert digests == [lacking.recording.digest, lacking.holdout.digest]
@@ -109,10 +109,10 @@ def test_the_expanded_uncertainty_is_that_of_the_budget(complete, lacking):
 
 
 def test_what_is_not_known_is_said(complete, lacking):
-    said = " ".join(first_page(complete)["unknown"])
+    text = " ".join(first_page(complete)["unknown"])
     for part in ("Inseparable in this set-up", "Detection limits", "temperature", "mountings and between days"):
-        assert part in said
-    assert "the fit has not used" in said
+        assert part in text
+    assert "the fit has not used" in text
     assert "the fit has not used" not in " ".join(first_page(lacking)["unknown"])
     assert "Detection limits (" not in " ".join(first_page(lacking)["unknown"])
     assert "Confounded" not in " ".join(first_page(lacking)["unknown"])  # the nearest rival is far weaker
@@ -132,8 +132,8 @@ def test_the_conditions_name_the_reference_that_was_read(complete):
     """A velocity is no position, neither as the reference nor in what was sampled."""
     assert "position" in dict(first_page(complete)["conditions"])["sampling"]
     read = replace(complete.recording.position, name="velocity", unit="m/s")
-    found = dict(first_page(replace(complete, recording=replace(complete.recording, reference=read)))["conditions"])
-    assert found["reference"] == "velocity"
-    assert "velocity" in found["sampling"]
-    assert "position" not in found["sampling"]
-    assert "position reference" not in found
+    table = dict(first_page(replace(complete, recording=replace(complete.recording, reference=read)))["conditions"])
+    assert table["reference"] == "velocity"
+    assert "velocity" in table["sampling"]
+    assert "position" not in table["sampling"]
+    assert "position reference" not in table

@@ -18,7 +18,7 @@ from accelcal.estimation.remarks import Remark
 from accelcal.estimation.tracks import Path as PathOverRun
 from accelcal.report.content import entries
 from accelcal.report.page import script_json
-from accelcal.report.view import METHOD, found, view, volts
+from accelcal.report.view import METHOD, findings, view, volts
 from accelcal.results.words import readable
 from accelcal.simulation import ADXL105_RIG
 from tests.report.conftest import FILE, HOSTILE
@@ -88,7 +88,7 @@ def test_the_verdict_comes_first(pages, lacking):
 
 
 def test_an_effect_of_the_model_has_its_significance(complete):
-    (row,) = [row for row in found(complete) if row["effect"] == "cubic"]
+    (row,) = [row for row in findings(complete) if row["effect"] == "cubic"]
     estimate = complete.fit["cubic"]
     assert (row["state"], row["snr"]) == ("in the model", pytest.approx(abs(estimate.value) / estimate.std))
 
@@ -206,9 +206,9 @@ def test_page_sizes(pages):
 def test_pdf_has_pages(lacking, tmp_path):
     path = tmp_path / "run.pdf"
     report.pdf(lacking, path)
-    made = path.read_bytes()
-    assert made.startswith(b"%PDF-")
-    counts = [int(n) for n in re.findall(rb"/Count (\d+)", made)]
+    content = path.read_bytes()
+    assert content.startswith(b"%PDF-")
+    counts = [int(n) for n in re.findall(rb"/Count (\d+)", content)]
     assert max(counts) >= 3
     assert list(tmp_path.iterdir()) == [path]
 

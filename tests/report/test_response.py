@@ -22,8 +22,8 @@ def shaken():
     rig = ac.Rig(sensor=ac.Sensor(noise=1e-3, range=50.0))
     truth = {"scale_factor": 0.01, "time_offset": 1e-4}
     rng = np.random.default_rng(4)
-    made = ac.simulate(motion, seconds=motion.seconds, rig=rig, parameters=truth, rng=rng, position_noise=1e-8)
-    run = made.recording
+    simulation = ac.simulate(motion, seconds=motion.seconds, rig=rig, parameters=truth, rng=rng, position_noise=1e-8)
+    run = simulation.recording
     return report.gather(estimate(ac.Model.linear(), run), run)
 
 
@@ -32,8 +32,8 @@ def test_the_section_has_figure_table_fits_and_cross_check(shaken):
     ids = [attributes.get("id") for tag, attributes in page.elements]
     assert "response" in ids
     assert "figure-sensitivity" in ids
-    found = frequency_response(shaken.recording)
-    for row in response_rows(found):
+    response = frequency_response(shaken.recording)
+    for row in response_rows(response):
         for cell in row:
             assert cell in page.text
     assert "gain and delay" in page.text
@@ -47,15 +47,15 @@ def test_page_and_paper_say_the_same(shaken, tmp_path):
     texts, drawn = paper(shaken)
     assert "sensitivity.svg" in drawn
     page = Page(report.light(shaken)).text
-    said = texts["response"]
+    shown = texts["response"]
     for text in (
-        *said["sentences"],
+        *shown["sentences"],
         *RESPONSE_HEAD,
-        said["note"],
-        *(cell for row in said["fits"]["rows"] for cell in row),
+        shown["note"],
+        *(cell for row in shown["fits"]["rows"] for cell in row),
     ):
         assert " ".join(text.split()) in page
-    json.dumps(said, allow_nan=False)
+    json.dumps(shown, allow_nan=False)
     report.pdf(shaken, tmp_path / "report.page")
     assert (tmp_path / "report.page").read_bytes().startswith(b"%PDF")
 

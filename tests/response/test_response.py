@@ -71,41 +71,41 @@ def test_the_shaker_world_is_continuous_and_obeys_its_equation():
 
 
 def test_a_laser_vibrometer_measures_within_a_thousandth_and_a_tenth_of_a_degree():
-    found = vibrometer_runs(5, seed=11)
-    print(found.text())
-    assert largest(found.magnitude) < 1e-3
-    assert largest(found.phase) < 0.1
-    assert largest(found.parameters["f0"]) < 0.005
-    assert largest(found.parameters["Q"]) < 0.05
-    assert found.covered > 0.90  # 160 intervals: 0.955 with a standard deviation of 0.016
-    assert found.lost == 0
+    result = vibrometer_runs(5, seed=11)
+    print(result.text())
+    assert largest(result.magnitude) < 1e-3
+    assert largest(result.phase) < 0.1
+    assert largest(result.parameters["f0"]) < 0.005
+    assert largest(result.parameters["Q"]) < 0.05
+    assert result.covered > 0.90  # 160 intervals: 0.955 with a standard deviation of 0.016
+    assert result.lost == 0
 
 
 def test_the_published_response_of_a_low_pass_with_delay_comes_back():
-    found = mpu9250_runs(3, seed=12)
-    print(published_sensor(), found.text())
-    assert largest(found.magnitude) < 5e-3
-    assert largest(found.phase) < 0.3
-    assert found.lost == 0
+    result = mpu9250_runs(3, seed=12)
+    print(published_sensor(), result.text())
+    assert largest(result.magnitude) < 5e-3
+    assert largest(result.phase) < 0.3
+    assert result.lost == 0
 
 
 def test_a_sweep_is_covered():
-    found = broadband_runs("sweep", 2, seed=13)
-    print(found.text())
-    assert 0.88 < float(np.mean(np.abs(found.scores) < 1.0)) < 0.99
+    result = broadband_runs("sweep", 2, seed=13)
+    print(result.text())
+    assert 0.88 < float(np.mean(np.abs(result.scores) < 1.0)) < 0.99
 
 
 def test_uneven_stamps_of_the_output_change_nothing():
-    found = frequency_response(shaken(jitter=0.4), check=False)
-    assert len(found.points) == len(STEPS)
-    for point in found.points:
+    response = frequency_response(shaken(jitter=0.4), check=False)
+    assert len(response.points) == len(STEPS)
+    for point in response.points:
         truth = complex(SENSOR.response(np.array([point.frequency]))[0])
         assert abs(point.value - truth) < 4.0 * math.sqrt(2.0) * point.std
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_the_reference_may_be_acceleration_velocity_or_position(order):
-    made = ac.simulate(
+    simulation = ac.simulate(
         sine_steps([10.0, 30.0], 5.0, 3.0),
         seconds=6.6,
         rig=ac.Rig(sensor=ac.Sensor(noise=1e-4)),
@@ -113,9 +113,9 @@ def test_the_reference_may_be_acceleration_velocity_or_position(order):
         rng=np.random.default_rng(1),
     )
     t = np.arange(0.0, 6.6, 1e-3)
-    y = made.truth.motion.derivatives(t)[2 - order]
+    y = simulation.truth.motion.derivatives(t)[2 - order]
     reference = Reference(Channel("reference", t, y, ("m/s^2", "m/s", "m")[order]), order)
-    for point in frequency_response(made.recording, reference=reference, check=False).points:
+    for point in frequency_response(simulation.recording, reference=reference, check=False).points:
         expected = 1.02 * np.exp(-2j * math.pi * point.frequency * 1e-4)
         assert abs(point.value - expected) < 5e-4
 
@@ -131,9 +131,9 @@ def test_delay_and_low_pass_are_one_class_where_magnitude_does_not_tell_them_apa
             Point(float(a), complex(b), std, 100.0, 1.0 + 0j, "sine", 0.0, 1.0)
             for a, b in zip(f, value + noise, strict=True)
         ]
-        found = fit_response(points)
-        assert found is not None
-        return found
+        result = fit_response(points)
+        assert result is not None
+        return result
 
     blurred, sharp = model(1e-3), model(1e-7)
     names = {s.structure.name for s in (blurred.best, *blurred.rivals)}
@@ -175,8 +175,8 @@ def test_a_declared_high_pass_and_the_reference_are_in_the_answer():
     assert table[0].endswith("S, mV/(m/s²)")
     assert re.search(r"  10[0-2]\.\d* ± 0\.4\d$", table[1])  # 100 mV/(m/s²) times 1.01, with 0.4 % of it
     assert re.search(r"1 \+ k = 1\.01\d* ± 0\.00\d+, delay = \d+\.\d+ ± 0\.\d+ µs \(± U, k = 2\)", "\n".join(table))
-    for said in ("\n".join(lines(answer)), response_note(answer)):
-        assert "0.2 %, on magnitudes (type B)" in said
+    for message in ("\n".join(lines(answer)), response_note(answer)):
+        assert "0.2 %, on magnitudes (type B)" in message
 
 
 @pytest.mark.parametrize("shape", [lambda u: 0.5 - 0.5 * np.cos(np.pi * u), lambda u: u], ids=["cosine", "line"])
@@ -198,15 +198,15 @@ def test_a_frequency_that_no_structure_describes_is_named():
     points = [
         Point(float(a), complex(b), 1e-4, 32.0, 1.0 + 0j, "sine", 0.0, 1.0) for a, b in zip(f, value, strict=True)
     ]
-    found = fit_response(points)
-    assert found is not None
-    assert f[7] in found.failing
-    assert "it fails at" in " ".join(found.sentences)
+    result = fit_response(points)
+    assert result is not None
+    assert f[7] in result.failing
+    assert "it fails at" in " ".join(result.sentences)
 
 
 def test_harmonics_and_levels_give_quadratic_and_cubic_terms():
     levels = [2.0, 5.0, 10.0, 15.0, 20.0]
-    made = ac.simulate(
+    simulation = ac.simulate(
         sine_steps([20.0] * 5 + [35.0] * 5, levels * 2, 1.6),
         seconds=18.2,
         rig=ac.Rig(sensor=ac.Sensor(noise=1e-3)),
@@ -214,9 +214,9 @@ def test_harmonics_and_levels_give_quadratic_and_cubic_terms():
         rng=np.random.default_rng(4),
         position_noise=1e-8,
     )
-    found = frequency_response(made.recording, check=False)
-    assert len(found.points) == 10
-    terms = {(t.name, t.source): t for t in found.terms}
+    response = frequency_response(simulation.recording, check=False)
+    assert len(response.points) == 10
+    terms = {(t.name, t.source): t for t in response.terms}
     assert set(terms) == {("K2", "harmonic 2"), ("K3", "harmonic 3"), ("K2", "rectification"), ("K3", "fundamental")}
     for (name, source), term in terms.items():
         truth = {"K2": 1e-3, "K3": 1e-4}[name]
@@ -232,9 +232,9 @@ def test_a_quadratic_term_is_one_before_or_behind_the_resonance(behind, source):
     rng, steps = np.random.default_rng(5), []
     for f in (10.0, 40.0, 100.0, 200.0, 315.0, 400.0):
         first, second = gain(np.array([f, 2.0 * f]))
-        made = 0.5e-4 * ((first / 1.02 * 10.0) ** 2 if behind else second / 1.02 * 10.0**2)
+        result = 0.5e-4 * ((first / 1.02 * 10.0) ** 2 if behind else second / 1.02 * 10.0**2)
         point = Point(f, complex(first), 1e-5, 32.0, 10.0 + 0j, "sine", 0.0, 1.0)
-        output = np.array([10.0 * first, made + 1e-4 * (rng.standard_normal() + 1j * rng.standard_normal())])
+        output = np.array([10.0 * first, result + 1e-4 * (rng.standard_normal() + 1j * rng.standard_normal())])
         steps.append(Harmonics(point, output, np.array([10.0 + 0j, 0j]), np.array([1e-4, 1e-4]), 0.0))
     (term,) = [term for term in linearity(steps, gain, 1.02) if term.source.startswith("harmonic 2")]
     assert term.source == source
@@ -242,8 +242,8 @@ def test_a_quadratic_term_is_one_before_or_behind_the_resonance(behind, source):
 
 
 def test_frequencies_that_are_asked_for_are_kept_or_said_to_be_missing(recording):
-    found = frequency_response(recording, frequencies=[15.0, 50.0], check=False)
-    assert [round(p.frequency) for p in found.points] == [15, 50]
+    response = frequency_response(recording, frequencies=[15.0, 50.0], check=False)
+    assert [round(p.frequency) for p in response.points] == [15, 50]
     with pytest.raises(RecordingError, match=r"no steady sine at 33 Hz; found are: 8, 15"):
         frequency_response(recording, frequencies=[33.0], check=False)
     with pytest.raises(RecordingError, match="positive numbers in Hz"):
@@ -251,9 +251,9 @@ def test_frequencies_that_are_asked_for_are_kept_or_said_to_be_missing(recording
 
 
 def test_rest_has_no_response():
-    made = ac.simulate("rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    simulation = ac.simulate("rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
     with pytest.raises(RecordingError, match="no frequency in common"):
-        frequency_response(made.recording)
+        frequency_response(simulation.recording)
 
 
 def test_the_command_writes_table_certificate_and_json(recording, tmp_path):
@@ -284,34 +284,34 @@ def test_the_command_writes_table_certificate_and_json(recording, tmp_path):
 
 def test_steps_of_close_frequencies_are_all_found():
     steps = [Step(float(f), 10.0, 0.8 + 8.0 / float(f)) for f in np.geomspace(10.0, 350.0, 16)]
-    found = frequency_response(shaken(steps=steps), check=False)
-    np.testing.assert_allclose([p.frequency for p in found.points], [s.frequency for s in steps], rtol=1e-3)
+    response = frequency_response(shaken(steps=steps), check=False)
+    np.testing.assert_allclose([p.frequency for p in response.points], [s.frequency for s in steps], rtol=1e-3)
 
 
 @pytest.mark.parametrize("motion", ["tones", "interleaved", "sweep", "chirp", "moves", "rest"])
 def test_other_motions_are_not_one_of_steps_and_a_moment_tells(motion, monkeypatch):
     from accelcal.response import measure
 
-    made = ac.simulate(motion, seconds=60.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(2)).recording
+    simulation = ac.simulate(motion, seconds=60.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(2)).recording
     monkeypatch.setattr(measure, "_sine", lambda *_: pytest.fail("the whole search"))
-    assert stepped_response(made) is None
+    assert stepped_response(simulation) is None
 
 
 def test_steps_have_a_response_from_three_frequencies_on(recording):
-    found = stepped_response(recording, check=False)
-    assert found is not None
-    assert found.points == frequency_response(recording, check=False).points
+    result = stepped_response(recording, check=False)
+    assert result is not None
+    assert result.points == frequency_response(recording, check=False).points
     assert stepped_response(shaken(steps=STEPS[:2]), check=False) is None
     assert stepped_response(shaken(steps=STEPS[:3]), check=False) is not None
 
 
 def test_the_certificate_is_whole_and_states_the_table(recording):
-    found = frequency_response(recording, check=False)
+    response = frequency_response(recording, check=False)
     sensor = ac.Sensor(model="QFLEX", serial="7", scale=-0.02, scale_unit="V")
-    made = draft_response(found, sensor, Laboratory())
-    assert made.missing == Laboratory().missing
-    require_order(made.text)
-    root = ElementTree.fromstring(made.text)
+    draft = draft_response(response, sensor, Laboratory())
+    assert draft.missing == Laboratory().missing
+    require_order(draft.text)
+    root = ElementTree.fromstring(draft.text)
     results = root.findall(f"{DCC}measurementResults/{DCC}measurementResult/{DCC}results/{DCC}result")
     names = [r.findtext(f"{DCC}name/{DCC}content") for r in results]
     assert names == [
@@ -319,8 +319,8 @@ def test_the_certificate_is_whole_and_states_the_table(recording):
         "Parametric fit of the frequency response",
         "Amplitude linearity",
     ]
-    said = [r.findtext(f"{DCC}description/{DCC}content") or "" for r in results]
-    assert ["The uncertainty of the reference is not contained" in text for text in said] == [False, False, True]
+    messages = [r.findtext(f"{DCC}description/{DCC}content") or "" for r in results]
+    assert ["The uncertainty of the reference is not contained" in text for text in messages] == [False, False, True]
     columns = {
         q.findtext(f"{DCC}name/{DCC}content"): q.find(f"{SI}realListXMLList") for q in results[0].iter(f"{DCC}quantity")
     }
@@ -332,36 +332,38 @@ def test_the_certificate_is_whole_and_states_the_table(recording):
         return [float(text) for text in columns[name].findtext(tag).split()]
 
     magnitude, spread = "magnitude of output over acceleration", f"{SI}expandedUncXMLList/{SI}"
-    assert numbers(magnitude, f"{SI}valueXMLList") == [p.magnitude for p in found.points]
+    assert numbers(magnitude, f"{SI}valueXMLList") == [p.magnitude for p in response.points]
     stated = zip(
         numbers(magnitude, f"{spread}uncertaintyXMLList"),
         numbers(magnitude, f"{spread}coverageFactorXMLList"),
         strict=True,
     )
-    for (expanded, factor), point in zip(stated, found.points, strict=True):
+    for (expanded, factor), point in zip(stated, response.points, strict=True):
         assert expanded / factor == pytest.approx(point.std, rel=1e-3)
     volts = numbers("magnitude of the sensitivity", f"{SI}valueXMLList")
-    np.testing.assert_allclose(volts, [0.02 * p.magnitude for p in found.points])
+    np.testing.assert_allclose(volts, [0.02 * p.magnitude for p in response.points])
     f0 = next(q for q in results[1].iter(f"{DCC}quantity") if q.findtext(f"{DCC}name/{DCC}content") == "f0")
     assert f0.findtext(f"{SI}real/{SI}unit") == r"\hertz"
-    assert "no contribution of the calibration of the reference" in made.text
+    assert "no contribution of the calibration of the reference" in draft.text
 
 
 def test_a_sweep_is_certified_without_amplitudes():
-    made = ac.simulate("sweep", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
-    found = frequency_response(made, method="broadband", check=False)
-    text = draft_response(found, made.rig.sensor, Laboratory()).text
+    simulation = ac.simulate(
+        "sweep", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1)
+    ).recording
+    response = frequency_response(simulation, method="broadband", check=False)
+    text = draft_response(response, simulation.rig.sensor, Laboratory()).text
     require_order(text)
     assert "Spectral estimation" in text
     assert "amplitude of the acceleration" not in text
 
 
 def test_the_json_of_every_kind_of_motion_follows_its_schema(recording):
-    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    for each in (recording, made.recording):
-        found = frequency_response(each)
-        require_published(json.loads(found.to_json()))
-        assert type(found).from_json(found.to_json()).points == found.points
+    simulation = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    for item in (recording, simulation.recording):
+        response = frequency_response(item)
+        require_published(json.loads(response.to_json()))
+        assert type(response).from_json(response.to_json()).points == response.points
 
 
 def test_a_recorded_velocity_is_the_reference():
@@ -371,13 +373,13 @@ def test_a_recorded_velocity_is_the_reference():
     velocity = Channel("velocity", t[1:-1], (p[2:] - p[:-2]) / (t[2:] - t[:-2]), "m/s")
     run_of_velocity = Recording(position.accel, integrated(velocity), position.rig, reference=velocity)
     step = t[1] - t[0]
-    for one, other in zip(
+    for first, other in zip(
         frequency_response(position, check=False).points,
         frequency_response(run_of_velocity, check=False).points,
         strict=True,
     ):
-        w = 2.0 * math.pi * one.frequency * step
-        assert other.magnitude * math.sin(w) / w == pytest.approx(one.magnitude, rel=2e-3)
+        w = 2.0 * math.pi * first.frequency * step
+        assert other.magnitude * math.sin(w) / w == pytest.approx(first.magnitude, rel=2e-3)
 
 
 def test_the_reference_widens_the_gain_by_its_own_degrees_of_freedom():

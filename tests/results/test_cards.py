@@ -28,8 +28,8 @@ def record(seed):
 
 def tumble():
     angle = np.arange(8) * np.pi / 4.0
-    each = (np.full(8, 1e-3), np.full(8, 60.0), np.full(8, 6000.0))
-    return Dwells(angle, 9.8 * np.sin(angle), *each, ("0",) * 8, CXL02_RIG, name="tumble.csv")
+    item = (np.full(8, 1e-3), np.full(8, 60.0), np.full(8, 6000.0))
+    return Dwells(angle, 9.8 * np.sin(angle), *item, ("0",) * 8, CXL02_RIG, name="tumble.csv")
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +96,11 @@ def test_every_parameter_stands_with_its_uncertainties(results):
 
 
 def test_drifts_are_those_of_the_comparison(results):
-    seen = results["comparison"]
-    rows = cells(shown(seen))[1:]
+    evaluation = results["comparison"]
+    rows = cells(shown(evaluation))[1:]
     assert [row[0] for row in rows] == ["1 s", "5 s", "10 s"]
     metres = {"mm": 1e-3, "µm": 1e-6, "m": 1.0}
-    for row, drift in zip(rows, seen[0].coast_rms.values(), strict=True):
+    for row, drift in zip(rows, evaluation[0].coast_rms.values(), strict=True):
         number, unit = row[1].split()
         assert float(number) * metres[unit] == pytest.approx(drift, rel=0.006)  # three digits are shown
 
@@ -125,7 +125,7 @@ def test_bars_are_as_long_as_the_errors(results):
 def test_a_comparison_is_the_sequence_of_its_models(results):
     history = results["history"]
     assert len(history) == 2
-    assert [seen.coast_rms for seen in history] == [history[0].coast_rms, history[1].coast_rms]
+    assert [evaluation.coast_rms for evaluation in history] == [history[0].coast_rms, history[1].coast_rms]
     assert history.names == ("base", "base + cubic")
     with pytest.raises(ValueError, match="at least one of each"):
         verbs.compare([], results["recording"])
@@ -153,9 +153,9 @@ def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
 def full():
     """A fit with an effect on noise, a curve and a shape parameter beside its coefficients."""
     rng = np.random.default_rng(7)
-    made = ac.simulate("interleaved", seconds=12.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
-    fit = ac.fit(made.recording)
-    return ac.add(fit, made.recording, "shape_of_velocity", "creep", "quantisation"), made.recording
+    simulation = ac.simulate("interleaved", seconds=12.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
+    fit = ac.fit(simulation.recording)
+    return ac.add(fit, simulation.recording, "shape_of_velocity", "creep", "quantisation"), simulation.recording
 
 
 def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_path, capsys):

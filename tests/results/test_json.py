@@ -83,7 +83,7 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     if origin is Literal:
         return st.sampled_from(inside)
     if origin in (Union, types.UnionType):
-        return st.one_of([values(one) for one in inside])
+        return st.one_of([values(strategy) for strategy in inside])
     if origin is np.ndarray:
         kind = get_args(inside[1])[0]
         return arrays(kind, SHAPES, elements=FLOATS if kind is np.float64 else None)
@@ -123,8 +123,8 @@ def require_same(before: Any, after: Any, path: str) -> None:
             require_same(before[key], after[key], f"{path}[{key!r}]")
     elif isinstance(before, Sequence) and not isinstance(before, str):
         assert (type(before), len(before)) == (type(after), len(after)), path
-        for number, (one, other) in enumerate(zip(before, after, strict=True)):
-            require_same(one, other, f"{path}[{number}]")
+        for number, (first, other) in enumerate(zip(before, after, strict=True)):
+            require_same(first, other, f"{path}[{number}]")
     else:
         assert repr(before) == repr(after), path
 
@@ -169,9 +169,15 @@ TRUTHS: Mapping[str, tuple[float, Mapping[str, float]]] = {
 def test_what_commands_write_follows_the_schema_and_is_read(kind: str) -> None:
     seconds, truth = TRUTHS[kind]
     rng = np.random.default_rng(8)
-    made = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng).recording
-    fit = ac.fit(made)
-    several = (fit, ac.diagnose(fit, made), ac.compare(fit, made), ac.improve(made, most=1), ac.power(fit, made))
+    recording = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng).recording
+    fit = ac.fit(recording)
+    several = (
+        fit,
+        ac.diagnose(fit, recording),
+        ac.compare(fit, recording),
+        ac.improve(recording, most=1),
+        ac.power(fit, recording),
+    )
     for result in several:
         content = results_json.content(result)
         require_published(content)
@@ -182,22 +188,22 @@ def test_what_commands_write_follows_the_schema_and_is_read(kind: str) -> None:
 
 
 def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
-    made = ac.simulate("interleaved", seconds=5.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    seen = ac.compare(ac.fit(made.recording), made.recording)[0]
-    content = results_json.content(seen)
+    simulation = ac.simulate("interleaved", seconds=5.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    evaluation = ac.compare(ac.fit(simulation.recording), simulation.recording)[0]
+    content = results_json.content(evaluation)
     assert "residual" not in content
     short = Evaluation.from_json(json.dumps(content))
     with pytest.raises(ValueError, match=r"Evaluation\.residual is not stored in this JSON: accelcal\.compare"):
         short.residual  # noqa: B018
     assert not hasattr(short, "no_such_field")
-    require_same(seen.residual, Evaluation.from_json(seen.to_json()).residual, "residual")
+    require_same(evaluation.residual, Evaluation.from_json(evaluation.to_json()).residual, "residual")
 
 
 BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "std": [1.0], "seen_at": [[0.0, 1.0]]}
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"more": 1}, "more is no key of this schema"),
         ({"band": "1.0"}, "band: found '1.0', expected a valid number"),
@@ -214,16 +220,16 @@ BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "st
         ({"bins": [BIN | {"mean": [None]}]}, "mean: found [None], expected floats in lists, not null"),
     ],
 )
-def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:
+def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], message: str) -> None:
     simulation = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
     content = results_json.content(ac.compare(ac.fit(simulation.recording), simulation.recording)[0])
     with pytest.raises(ValueError, match=r"expected|no key") as caught:
         Evaluation.from_json(json.dumps(content | change))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (
             {"schema": "accelcal/evaluation/4"},
@@ -238,13 +244,13 @@ def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], 
         ),
     ],
 )
-def test_a_file_of_another_version_says_which_command_writes_it_anew(change: dict[str, Any], said: str) -> None:
+def test_a_file_of_another_version_says_which_command_writes_it_anew(change: dict[str, Any], message: str) -> None:
     simulation = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
     content = results_json.content(ac.compare(ac.fit(simulation.recording), simulation.recording)[0])
     Evaluation.from_json(json.dumps(content))
     with pytest.raises(ValueError, match=r"expected") as caught:
         Evaluation.from_json(json.dumps(content | change))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert ("accelcal compare" in str(caught.value)) == ("evaluation/" in change.get("schema", "evaluation/"))
 
 

@@ -26,7 +26,7 @@ def test_an_effect_that_only_follows_slow_noise_is_refused_and_said(slow):
     assert slow.admitted(fitted, "velocity") is None
     assert set(slow.refused) == {"velocity"}
     verdict = slow.final_verdict("no fit with it is possible")
-    (note,) = [one for one in verdict.remarks if one.code.startswith("validation_")]
+    (note,) = [remark for remark in verdict.remarks if remark.code.startswith("validation_")]
     assert note.sentence.startswith("velocity was not added: ")
     assert note.sentence in verdict.notes
 

@@ -112,11 +112,11 @@ def test_a_curve_takes_over_the_gains_of_the_effects_that_it_replaces():
 
 
 def test_what_ends_a_search_counts_waves_of_one_kind_once():
-    history, said = SelectionHistory(), list[str]()
+    history, message = SelectionHistory(), list[str]()
     for name in ("cubic", "encoder_cyclic", *(f"encoder_cyclic_{n}" for n in range(2, 6))):
         history.enter(finding(name), 400.0)
-        said.append(history.full(3))
-    assert said == [*[""] * 5, "at most 6 effects and waves are added"]
+        message.append(history.full(3))
+    assert message == [*[""] * 5, "at most 6 effects and waves are added"]
     history.enter(finding("velocity"), 400.0)
     assert history.full(3) == "at most 3 effects are added"
 

@@ -29,14 +29,14 @@ def record(seed, motion="interleaved", random_walk=0.0, coulomb=0.0, **truth):
     """A record of 40 s; `random_walk` is the density of a random walk of the bias, (m/s²)/sqrt(s)."""
     rng = np.random.default_rng(seed)
     simulated = ac.simulate(motion, seconds=40.0, rig=CXL02_RIG, parameters={**BASE, **truth}, rng=rng)
-    made, t = simulated.recording, simulated.recording.accel.t
+    changed, t = simulated.recording, simulated.recording.accel.t
     if coulomb:
         friction = coulomb * np.sign(simulated.truth.motion.velocity(t))
-        made = dataclasses.replace(made, accel=Channel("accel", t, made.accel.y + friction, "m/s²"))
+        changed = dataclasses.replace(changed, accel=Channel("accel", t, changed.accel.y + friction, "m/s²"))
     if not random_walk:
-        return made
+        return changed
     added = random_walk * np.cumsum(rng.standard_normal(len(t))) * np.sqrt(np.median(np.diff(t)))
-    return dataclasses.replace(made, accel=Channel("accel", t, made.accel.y + added, "m/s²"))
+    return dataclasses.replace(changed, accel=Channel("accel", t, changed.accel.y + added, "m/s²"))
 
 
 def fitted(recordings, *names, **shapes):
@@ -50,7 +50,7 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
     fine, _, readings = pieces(state, terms, rows_of(solution, 0, 0), len(terms), 16)
     blocks = alike(readings, np.zeros(len(readings)), 1, 16)
     grams = np.add.reduceat(fine, blocks)
-    found, _ = left_out(
+    result, _ = left_out(
         grams, (grams, grams), np.ones(len(terms), dtype=bool), np.zeros(len(terms)), np.zeros(len(terms))
     )
     X = np.concatenate([columns for _, columns in whitened_columns(state, terms)])
@@ -61,7 +61,7 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
         inside = block == number
         x = np.linalg.lstsq(X[~inside], y[~inside], rcond=None)[0]
         alone = np.sum((y[inside] - X[inside] @ x) ** 2)
-        assert found[number] == pytest.approx(alone, rel=1e-6)
+        assert result[number] == pytest.approx(alone, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["velocity", "quadratic"])
@@ -105,8 +105,8 @@ def test_blocks_share_time_and_power_alike():
 def burst(seed, **truth):
     """A record of 40 s whose motion comes in bursts."""
     rng = np.random.default_rng(seed)
-    made = ac.simulate("bursts", seconds=40.0, rig=CXL02_RIG, parameters={**BASE, **truth}, rng=rng).recording
-    return made
+    recording = ac.simulate("bursts", seconds=40.0, rig=CXL02_RIG, parameters={**BASE, **truth}, rng=rng).recording
+    return recording
 
 
 def test_an_effect_that_a_burst_shows_is_spread_over_blocks():
@@ -137,7 +137,7 @@ def test_a_rise_is_refused_and_a_fall_or_a_scatter_is_not():
     falls = PairedChange("one-step error", 1.0, 0.9, 0.02, 16, 0.0, 8.0)
     scatters = PairedChange("one-step error", 1.0, 1.1, 0.1, 16, 0.0, 1.2)
     assert rises.rises
-    assert not any(one.rises for one in (small, falls, scatters))
+    assert not any(item.rises for item in (small, falls, scatters))
     level = PairedChange("one-step error", 1.0, 0.99, 0.1, 16, 0.0, 8.0)
     assert refusing([level, rises]) is rises
     assert refusing([falls, rises]) is None  # the drift alone refuses nothing

@@ -27,8 +27,8 @@ CURVE = "shape_of_velocity"
 
 @pytest.fixture(scope="module")
 def breakaway():
-    one = WORLDS["v tanh"]
-    run = record(np.random.default_rng(7), one, 0.004)
+    law = WORLDS["v tanh"]
+    run = record(np.random.default_rng(7), law, 0.004)
     return run, ac.fit(run)
 
 
@@ -66,17 +66,17 @@ def test_a_gauss_markov_scale_factor_follows_no_driver(tmp_path, kind, number):
     """The sister: a Gauss-Markov scale factor, and nothing."""
     run, fit = planted(kind, number, tmp_path)
     formulas = ac.formulas(fit, run, "shape_of_acceleration")
-    assert not [each.mechanism for each in formulas.formulas if each.mechanism], formulas.sentence
+    assert not [formula.mechanism for formula in formulas.formulas if formula.mechanism], formulas.sentence
 
 
 @pytest.mark.parametrize("name", ["v signed root", "v resonance", "p peak", "a tanh"])
 def test_a_function_outside_the_catalogue_is_in_the_set(name):
-    one = WORLDS[name]
-    found = answer(one, records((3,), one, size_at(30.0, 1, one)))
-    assert one.elements in [frozenset(each.elements) for each in found.formulas], found.sentence
-    assert len(found.formulas) <= 8
-    assert all(each.held_out > 0.5 * each.gain for each in found.formulas)
-    assert found.chance < 1e-6
+    law = WORLDS[name]
+    result = answer(law, records((3,), law, size_at(30.0, 1, law)))
+    assert law.elements in [frozenset(formula.elements) for formula in result.formulas], result.sentence
+    assert len(result.formulas) <= 8
+    assert all(formula.held_out > 0.5 * formula.gain for formula in result.formulas)
+    assert result.chance < 1e-6
 
 
 def test_nothing_hidden_has_nothing_to_describe():
@@ -84,9 +84,9 @@ def test_nothing_hidden_has_nothing_to_describe():
     false = 0
     for seed in range(3):
         run = record(np.random.default_rng([11, seed]), WORLDS["v tanh"], 0.0)
-        found = ac.formulas(ac.fit(run), run, CURVE)
-        assert "shows no function of velocity" in found.sentence or found.formulas
-        false += bool(found.formulas)
+        formulas = ac.formulas(ac.fit(run), run, CURVE)
+        assert "shows no function of velocity" in formulas.sentence or formulas.formulas
+        false += bool(formulas.formulas)
     assert false <= 1
 
 
@@ -112,31 +112,33 @@ def test_a_holdout_of_another_range_is_scored_by_the_formula_itself():
     gains = []
     for speed in (0.3, 3.0):
         rng = np.random.default_rng(31)
-        made = ac.simulate("tones", seconds=40.0, rig=CXL02_RIG, parameters={}, rng=rng, a_rms=speed)
-        accel = made.recording.accel
-        v = made.truth.motion.velocity(accel.t)
-        gains.append(replace(made.recording, accel=replace(accel, y=accel.y + 20.0 * v * np.abs(v)), digest=f"{speed}"))
-    found = ac.formulas(ac.fit(gains[0]), gains[0], CURVE, holdout=gains[1])
-    true = [each for each in found.formulas if each.elements == ("signed square",)]
-    assert true, found.sentence
+        simulation = ac.simulate("tones", seconds=40.0, rig=CXL02_RIG, parameters={}, rng=rng, a_rms=speed)
+        accel = simulation.recording.accel
+        v = simulation.truth.motion.velocity(accel.t)
+        gains.append(
+            replace(simulation.recording, accel=replace(accel, y=accel.y + 20.0 * v * np.abs(v)), digest=f"{speed}")
+        )
+    formulas = ac.formulas(ac.fit(gains[0]), gains[0], CURVE, holdout=gains[1])
+    true = [formula for formula in formulas.formulas if formula.elements == ("signed square",)]
+    assert true, formulas.sentence
     assert true[0].held_out > true[0].gain
 
 
 def test_a_curve_of_several_bumps_has_no_short_formula():
-    one = NONE["v four bumps"]
-    found = answer(one, records((5,), one, size_at(60.0, 1, one)))
-    assert not found.formulas
-    assert found.rejected
-    assert "no short formula" in found.sentence
+    law = NONE["v four bumps"]
+    result = answer(law, records((5,), law, size_at(60.0, 1, law)))
+    assert not result.formulas
+    assert result.rejected
+    assert "no short formula" in result.sentence
 
 
 def test_the_hats_give_what_a_fit_of_the_same_function_gives(breakaway):
     """Two paths: a mixture of hats of one Gram matrix, and the fit of an own effect through the replay."""
     run, fit = breakaway
-    found = ac.formulas(fit, run, CURVE)
-    first = found.formulas[0]
-    own = first.effect("own_breakaway", owner="rig")
-    grown = ac.fit(run, Model.linear().add(own.effect.name))
+    formulas = ac.formulas(fit, run, CURVE)
+    first = formulas.formulas[0]
+    effect = first.effect("own_breakaway", owner="rig")
+    grown = ac.fit(run, Model.linear().add(effect.effect.name))
     estimated = grown["own_breakaway"]
     assert estimated.value == pytest.approx(first.coefficients[0], abs=0.2 * first.std[0])
     assert (estimated.value / estimated.std) ** 2 == pytest.approx(first.gain, rel=0.05)
@@ -216,11 +218,11 @@ def test_every_element_is_its_text():
     x = np.linspace(-0.3, 0.4, 57)
     for number, element in enumerate(GRAMMAR):
         for part, (text, function) in enumerate(zip(element.texts, element.functions, strict=True)):
-            own = from_expression(f"own_element_{number}_{part}", text.format(x="v", d="0.07"))
+            effect = from_expression(f"own_element_{number}_{part}", text.format(x="v", d="0.07"))
 
             nothing = np.zeros_like(x)
             moving = Signals(t=nothing, p=nothing, v=x, a=nothing, jerk=nothing, scale=1.0, rig=Rig())
-            np.testing.assert_allclose(own.effect.function(moving), function(x, 0.07), rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(effect.effect.function(moving), function(x, 0.07), rtol=1e-9, atol=1e-12)
 
 
 def test_units_of_coefficients():

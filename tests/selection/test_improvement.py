@@ -32,7 +32,7 @@ def test_the_sentence_opens_with_what_was_found_and_left_speaks_of_the_last_mode
     assert "nothing else is missing" in content["sentence"]
     assert content["verdict"] == "tied"  # with a lag of the sensor
     assert content["left"][0] == "adequate"
-    (finding,) = content["found"]
+    (finding,) = content["detected"]
     assert finding["estimate"][0] == pytest.approx(2e-3, abs=4.5 * finding["std"][0])
     assert finding["sigma"] == pytest.approx(finding["estimate"][0] / finding["std"][0])
     assert len(finding["group"]["members"]) > 1
@@ -57,9 +57,9 @@ def test_few_blocks_need_more_than_a_normal_deviate_to_name_a_delay():
     short, longer = ac.improve(late(1.0, delay)), ac.improve(late(4.0, delay))
     assert short.verdict == "too_short"
     assert short.effects == ()
-    assert short.found == ()
-    found = short.steps[-1].fit["time_offset"]
-    assert found.value - 5e-5 > 5.0 * found.std  # the tolerance of the low-pass is not counted
+    assert short.detected == ()
+    result = short.steps[-1].fit["time_offset"]
+    assert result.value - 5e-5 > 5.0 * result.std  # the tolerance of the low-pass is not counted
     assert longer.effects == ("time_offset",)
     # Where it is beyond doubt, it is found on few blocks as well: confounded with a lag, and no verdict on the rest.
     sure = ac.improve(late(1.0))
@@ -70,24 +70,24 @@ def test_few_blocks_need_more_than_a_normal_deviate_to_name_a_delay():
 def test_what_is_lacking_but_not_added_is_not_said_to_explain():
     rng = np.random.default_rng(8)
     truth = {"bias": 0.05, "quadratic": 1e-3}
-    made = ac.simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
-    found = ac.improve(made, most=0)
-    assert found.effects == ()
-    assert found.verdict == "unexplained"
-    assert "explains what the model lacks" not in found.sentence
-    (note,) = (r for r in found.diagnosis.remarks if r.code == "not_added")
+    recording = ac.simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
+    improvement = ac.improve(recording, most=0)
+    assert improvement.effects == ()
+    assert improvement.verdict == "unexplained"
+    assert "explains what the model lacks" not in improvement.sentence
+    (note,) = (r for r in improvement.diagnosis.remarks if r.code == "not_added")
     assert note.values["effect"] == "quadratic"
-    assert found.diagnosis.scan.found[0].effect == "quadratic"
+    assert improvement.diagnosis.scan.detected[0].effect == "quadratic"
 
 
 def test_findings_are_joined_as_a_sentence():
-    one = Finding(Confounded("cubic", ("cubic",), ""), (1.0,), (0.1,), "m", 10.0, None)
-    two = dataclasses.replace(one, group=Confounded("velocity", ("velocity", "coulomb"), ""), sigma=None)
+    finding = Finding(Confounded("cubic", ("cubic",), ""), (1.0,), (0.1,), "m", 10.0, None)
+    two = dataclasses.replace(finding, group=Confounded("velocity", ("velocity", "coulomb"), ""), sigma=None)
     assert with_findings((), "Nothing is missing.") == "Nothing is missing."
-    assert with_findings((one,), "Nothing is missing (5).") == (
+    assert with_findings((finding,), "Nothing is missing (5).") == (
         "cubic was found (1 m, 10 sigma); nothing else is missing (5)."
     )
-    assert with_findings((one, two), "The residual is not white.") == (
+    assert with_findings((finding, two), "The residual is not white.") == (
         "cubic (1 m, 10 sigma) and velocity (1 m; confounded with coulomb) were found. The residual is not white."
     )
     assert equivalent_sigma(np.log(0.0026998)) == pytest.approx(3.0, abs=1e-4)

@@ -29,12 +29,12 @@ def output(profile: str, seconds: float, seed: int) -> tuple[np.ndarray, np.ndar
 @pytest.mark.parametrize("seed", [11, 12])
 def test_steps_of_the_acceleration_are_found_where_they_are(seed: int):
     t, u, motion = output("trapezoid", 30.0, seed)
-    found = jumps(t, u, STEP, TAU)
-    assert len(found.t) > 60
-    assert np.mean(found.of_jerk) < 0.05
-    jumped = motion.a.at(found.t + 2.0 * STEP) - motion.a.at(found.t - 2.0 * STEP)
+    result = jumps(t, u, STEP, TAU)
+    assert len(result.t) > 60
+    assert np.mean(result.of_jerk) < 0.05
+    jumped = motion.a.at(result.t + 2.0 * STEP) - motion.a.at(result.t - 2.0 * STEP)
     assert np.all(np.abs(jumped) > 3.0 * SIGMA)  # the truth jumps there
-    assert np.median(np.abs(found.size - jumped) / np.abs(jumped)) < 0.1
+    assert np.median(np.abs(result.size - jumped) / np.abs(jumped)) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_a_wrong_sample_is_not_called_a_jump(profile: str, size: float):
     at = rng.choice(np.arange(100, len(t) - 100, 25), WRONG, replace=False)
     at = np.array([k for k in at if not len(before.t) or np.min(np.abs(before.t - t[k])) > 0.02])
     u[at] += size * SIGMA * rng.choice([-1.0, 1.0], len(at))
-    found = jumps(t, u, STEP, TAU)
-    certain = found.t[found.certain]
+    result = jumps(t, u, STEP, TAU)
+    certain = result.t[result.certain]
     mistaken = [k for k in at if len(certain) and np.min(np.abs(certain - t[k])) < 4 * STEP]
     assert len(mistaken) <= 2  # of some 40: a rate of 1 % leaves more than two in 0.8 % of such records
 
@@ -63,10 +63,10 @@ def test_two_jumps_in_one_window_are_no_wrong_sample(apart: float):
     for begin in begins:
         for instant in (begin, begin + apart * STEP):
             u -= 200.0 * SIGMA * (t > instant) * (1.0 - np.exp(-np.maximum(t - instant, 0.0) / TAU))
-    found = jumps(t, u, STEP, TAU)
-    near = [np.min(np.abs(found.t - begin)) < 6 * STEP for begin in begins]
+    result = jumps(t, u, STEP, TAU)
+    near = [np.min(np.abs(result.t - begin)) < 6 * STEP for begin in begins]
     assert np.mean(near) > 0.9
-    both = [all(np.min(np.abs(found.t - begin - late)) < STEP for late in (0.0, apart * STEP)) for begin in begins]
+    both = [all(np.min(np.abs(result.t - begin - late)) < STEP for late in (0.0, apart * STEP)) for begin in begins]
     assert np.mean(both) > (0.8 if apart >= 2.0 else 0.2)  # those a sample apart are hardly two
 
 
@@ -78,10 +78,10 @@ def test_two_strong_jumps_are_found_behind_a_pole_that_is_not_quite_the_declared
     for begin in begins:
         for instant in (begin, begin + 3.4 * STEP):
             u += 0.5 * (t > instant) * (1.0 - np.exp(-np.maximum(t - instant, 0.0) / (1.03 * TAU)))
-    found = jumps(t, u, STEP, TAU)
-    both = [all(np.min(np.abs(found.t - begin - late)) < STEP for late in (0.0, 3.4 * STEP)) for begin in begins]
+    result = jumps(t, u, STEP, TAU)
+    both = [all(np.min(np.abs(result.t - begin - late)) < STEP for late in (0.0, 3.4 * STEP)) for begin in begins]
     assert np.mean(both) > 0.9
-    assert np.all(found.certain)
+    assert np.all(result.certain)
 
 
 @pytest.mark.parametrize("tau", [0.0, TAU])
@@ -91,10 +91,10 @@ def test_the_output_of_jumps_is_the_sum_of_their_responses(tau: float, of_jerk: 
     t, n, at, size = STEP * np.arange(500), 20, 0.3 * rng.random(20), rng.standard_normal(20)
     late = np.maximum(t[:, None] - at, 0.0)
     decay = np.exp(-late / tau) if tau else np.zeros_like(late)
-    each = late - tau * (1.0 - decay) if of_jerk else (late > 0.0) * (1.0 - decay)
+    item = late - tau * (1.0 - decay) if of_jerk else (late > 0.0) * (1.0 - decay)
     ones, flags = np.ones(n), np.ones(n, dtype=bool)
     some = Jumps(at, size, flags & of_jerk, tau * ones, flags, ones, ones)
-    np.testing.assert_allclose(output_of(some, 0.0, STEP, 500), each @ size, atol=1e-12)  # sums of 20 terms near 1
+    np.testing.assert_allclose(output_of(some, 0.0, STEP, 500), item @ size, atol=1e-12)  # sums of 20 terms near 1
 
 
 def test_two_wrong_samples_in_a_row_are_not_called_jumps():
@@ -111,8 +111,8 @@ def test_two_wrong_samples_in_a_row_are_not_called_jumps():
 def test_noise_holds_no_jumps():
     rng = np.random.default_rng(3)
     u = rng.standard_normal(400_000)
-    found = jumps(STEP * np.arange(len(u)), u, STEP, TAU)
-    assert len(found.t) <= 3  # 5.7e-7 a sample: 0.23 are expected, four in 1 of 10 000 series
+    result = jumps(STEP * np.arange(len(u)), u, STEP, TAU)
+    assert len(result.t) <= 3  # 5.7e-7 a sample: 0.23 are expected, four in 1 of 10 000 series
 
 
 @pytest.mark.parametrize("of_jerk", [False, True])
@@ -131,8 +131,8 @@ def test_the_lost_velocity_is_that_of_the_replay(of_jerk: bool, tau: float):
         errors.append(first[1] - (run**2 / 2.0 if of_jerk else run))
     if tau and not of_jerk:
         errors = [error + tau * math.exp(-(t[45] - t[25]) / tau) for error in errors]  # what the pole still holds
-    one = np.array([1.0])
-    jump = Jumps(one, one, np.array([of_jerk]), np.array([tau]), np.array([True]), one, one)
+    values = np.array([1.0])
+    jump = Jumps(values, values, np.array([of_jerk]), np.array([tau]), np.array([True]), values, values)
     assert np.std(errors) == pytest.approx(float(lost_velocity(jump, STEP)[0]), rel=0.1)
     assert len(lost_velocity(Jumps(NONE, NONE, NO_FLAGS, NONE, NO_FLAGS, NONE, NONE), STEP)) == 0
 
@@ -140,11 +140,11 @@ def test_the_lost_velocity_is_that_of_the_replay(of_jerk: bool, tau: float):
 def test_lost_samples_are_filled_in_without_a_bias():
     """A cubic over a lost sample errs by (w h)^4/6 of a motion at 80 Hz; the polynomial of eight by (w h)^8/70."""
     t, w = STEP * np.arange(2000), 2.0 * math.pi * 80.0
-    kept = np.arange(2000) % 13 != 5
-    found = fill_gaps(t[kept], np.sin(w * t[kept]), STEP)
-    assert np.all(found.filled)
-    at = t[~kept][3:-3]
-    filled = np.interp(at, found.t, found.y)
+    remaining = np.arange(2000) % 13 != 5
+    result = fill_gaps(t[remaining], np.sin(w * t[remaining]), STEP)
+    assert np.all(result.filled)
+    at = t[~remaining][3:-3]
+    filled = np.interp(at, result.t, result.y)
     cubic = np.array(
         [np.polyval(np.polyfit([-2, -1, 1, 2], np.sin(w * (x + STEP * np.array([-2, -1, 1, 2]))), 3), 0) for x in at]
     )
@@ -156,32 +156,32 @@ def test_lost_samples_are_filled_in_without_a_bias():
 def test_longer_gaps_are_filled_where_the_motion_allows(lost: int):
     """20 Hz at 1667 Hz; a step of the acceleration next to the gap, which no polynomial follows, leaves it open."""
     t, w = STEP * np.arange(400), 2.0 * math.pi * 20.0
-    kept = (t < t[200]) | (t >= t[200 + lost])
+    remaining = (t < t[200]) | (t >= t[200 + lost])
     noise = 1e-4 * np.random.default_rng(4).standard_normal(400)
-    found = fill_gaps(t[kept], (np.sin(w * t) + noise)[kept], STEP)
-    assert np.all(found.filled)
-    missing = np.sin(w * t[~kept]).mean()
-    within = (found.t > found.begin[0]) & (found.t < found.end[0])
+    filled = fill_gaps(t[remaining], (np.sin(w * t) + noise)[remaining], STEP)
+    assert np.all(filled.filled)
+    missing = np.sin(w * t[~remaining]).mean()
+    within = (filled.t > filled.begin[0]) & (filled.t < filled.end[0])
     assert np.count_nonzero(within) == lost
-    std = 1e-4 * math.sqrt(float(found.noise[0]) + lost) / lost
-    assert abs(found.y[within].mean() - missing) < 5.0 * std + (5e-4 if lost == 16 else 1e-5)  # (w gap)^8 at 16
-    assert not fill_gaps(t[kept], (np.sin(w * t) + noise + (t > t[203 + lost]))[kept], STEP).filled.any()
+    std = 1e-4 * math.sqrt(float(filled.noise[0]) + lost) / lost
+    assert abs(filled.y[within].mean() - missing) < 5.0 * std + (5e-4 if lost == 16 else 1e-5)  # (w gap)^8 at 16
+    assert not fill_gaps(t[remaining], (np.sin(w * t) + noise + (t > t[203 + lost]))[remaining], STEP).filled.any()
 
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 6, 12])
 def test_the_noise_of_a_gap_is_that_of_its_integral(lost: int):
     rng = np.random.default_rng(6)
     t = np.arange(300.0)
-    kept = (t < 150) | (t >= 150 + lost)
+    remaining = (t < 150) | (t >= 150 + lost)
     at = np.array([130.0, 182.0])
     gained, whole = [], []
     for _ in range(4000):
         y = rng.standard_normal(300)
-        found = fill_gaps(t[kept], y[kept], 1.0)
-        if not found.filled[0]:  # the noise of so few samples is sometimes taken for less than it is
+        filled = fill_gaps(t[remaining], y[remaining], 1.0)
+        if not filled.filled[0]:  # the noise of so few samples is sometimes taken for less than it is
             continue
-        noise = float(found.noise[0])
-        for times, values, sums in ((found.t, found.y, gained), (t, y, whole)):
+        noise = float(filled.noise[0])
+        for times, values, sums in ((filled.t, filled.y, gained), (t, y, whole)):
             first, _, _ = _core.drive(times, values, at, how="cubic", tau=0.0, delay=0.0, hole=20.0)
             sums.append(first[1])
     assert len(gained) > 3900

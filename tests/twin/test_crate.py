@@ -85,20 +85,23 @@ def test_the_example_finds_the_sensor_where_the_model_is_whole():
 def test_the_other_examples_find_their_sensor(name, truth):
     done = example(name)
     assert done.returncode == 0, done.stderr
-    found = printed(done.stdout)
-    assert found.keys() == truth.keys()
-    for parameter, (estimate, sigma) in found.items():
+    result = printed(done.stdout)
+    assert result.keys() == truth.keys()
+    for parameter, (estimate, sigma) in result.items():
         assert abs(estimate - truth[parameter]) < 0.5 * sigma  # nothing is random but the prior's share
         assert abs(1.2 * truth[parameter] - estimate) > 0.5 * sigma  # a fifth more would be seen
 
 
 def test_a_csv_that_no_filter_can_use_ends_in_one_sentence(tmp_path):
     rows = RECORD.read_text().splitlines()
-    for text, said in (("\n".join([*rows[:9], "0.1,word,"]), "word"), ("\n".join([*rows[:9], rows[3]]), "NotRising")):
+    for text, message in (
+        ("\n".join([*rows[:9], "0.1,word,"]), "word"),
+        ("\n".join([*rows[:9], rows[3]]), "NotRising"),
+    ):
         (tmp_path / "bad.csv").write_text(text)
         done = example("paper", str(tmp_path / "bad.csv"))
         assert done.returncode == 1
-        assert said in done.stderr
+        assert message in done.stderr
         assert "panicked" not in done.stderr
 
 

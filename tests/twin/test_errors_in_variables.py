@@ -75,8 +75,8 @@ def twin(
                 a, g, slope, _ = partials(choice.model, choice.form, x[2:], float(lagrange(s, here) @ u[picked]))
                 moved[:2] += lever * a
                 Phi[:2, 2:] += np.outer(lever, g)
-                one = np.array([(1.0 - s) * dt, 1.0])
-                Q[:2, :2] += 0.5 * weight * dt * q * slope**2 * np.outer(one, one)
+                values = np.array([(1.0 - s) * dt, 1.0])
+                Q[:2, :2] += 0.5 * weight * dt * q * slope**2 * np.outer(values, values)
             ends = [float(lagrange(s, here) @ u[picked]) for s in (0.0, 1.0)]
             both = [partials(choice.model, choice.form, x[2:], end)[2:] for end in ends]
             driven = np.mean([slope * mixed for slope, mixed in both], axis=0)
@@ -99,13 +99,13 @@ def twin(
         K = P @ H / S
         h = H[:2]
         motion = P[:2, :2] - P[:2, 2:] @ np.linalg.solve(P[2:, 2:], P[2:, :2])  # with the parameters known
-        known = h @ motion @ h + r
-        left = h @ noise[:2, :2] @ h / known
+        variance = h @ motion @ h + r
+        left = h @ noise[:2, :2] @ h / variance
         x = x + K * (z[j] - H @ x)
         A = np.eye(m + 2) - np.outer(K, H)
         P = A @ P @ A.T + r * np.outer(K, K)
         B = np.eye(len(noise))
-        B[:2, :2] -= np.outer(motion @ h / known, h)
+        B[:2, :2] -= np.outer(motion @ h / variance, h)
         noise = B @ noise @ B.T
         if j > 0:
             gathered, share = gathered + left * driven, share + left * square
@@ -192,13 +192,13 @@ def test_a_noisy_output_leaves_the_scale_factor_alone() -> None:
 def test_blocks_of_events_are_the_events() -> None:
     dt, u, z, start = case("linear", 5, 3, 0.0)
     choice = FilterChoice("aci", interpolation="cubic", carrier="factored", corrected=True)
-    one, many = LiveFilter(choice, **start), LiveFilter(choice, **start)
+    single, many = LiveFilter(choice, **start), LiveFilter(choice, **start)
     events = [(i * dt, True, x) for i, x in enumerate(u)] + [(i * dt, False, x) for i, x in enumerate(z) if x == x]
     events.sort(key=lambda event: (event[0], not event[1]))
     events.insert(40, (0.0, False, 1.0))  # out of order: refused, and nothing is changed
     innovations = []
     for t, output, value in events[:40] + events[41:]:
-        one.step(t, **{"accel" if output else "position": value})
+        single.step(t, **{"accel" if output else "position": value})
     refused = 0
     for a, b in pairwise([0, 1, 17, 39, 100, len(events)]):
         t, kinds, values = (np.array(column) for column in zip(*events[a:b], strict=True))
@@ -207,9 +207,9 @@ def test_blocks_of_events_are_the_events() -> None:
         innovations += readings.t.tolist()
     assert refused == 1
     innovations += many.finish().t.tolist()
-    one.finish()
-    assert np.array_equal(one.estimate, many.estimate)
-    assert np.array_equal(one.covariance, many.covariance)
+    single.finish()
+    assert np.array_equal(single.estimate, many.estimate)
+    assert np.array_equal(single.covariance, many.covariance)
     assert innovations == [t for t, output, _ in events[:40] + events[41:] if not output]
 
 
@@ -250,7 +250,7 @@ def whole_scores(u: np.ndarray, dt: float, q: float, r: float, every: int, first
         K = P[0] / (P[0, 0] + r)
         P = P - np.outer(K, P[0])
         if i == begin:
-            known, error[:, :2] = P.copy(), np.eye(2)
+            covariance, error[:, :2] = P.copy(), np.eye(2)
         elif i > begin:
             row = error[0].copy()
             row[2 + n + len(rows)] += 1.0
@@ -260,7 +260,7 @@ def whole_scores(u: np.ndarray, dt: float, q: float, r: float, every: int, first
         unit = unit - np.outer(K, unit[0])
     M = np.stack(rows)
     prior = np.diag([0.0, 0.0, *[q / dt] * n, *[r] * readings])
-    prior[:2, :2] = known
+    prior[:2, :2] = covariance
     L = np.linalg.cholesky(M @ prior @ M.T)
     of_readings = np.sum(np.linalg.solve(L, M[:, 2 + n :]) ** 2 * r, axis=1)
     return L, of_readings, np.stack(units)

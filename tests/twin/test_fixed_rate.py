@@ -16,7 +16,7 @@ from tests.twin.workloads import DT, WORKLOADS, cost, record, settings
 N = 800
 
 
-def made(choice: FilterChoice, **more: Any) -> Any:
+def fixed_rate(choice: FilterChoice, **more: Any) -> Any:
     return filters.fixed_rate(choice, dt=DT, **settings(choice) | more)
 
 
@@ -24,11 +24,11 @@ def made(choice: FilterChoice, **more: Any) -> Any:
 def test_steps_give_the_bits_of_a_record_and_both_what_stamps_give(name: str) -> None:
     choice = WORKLOADS[name]
     u, z = record(N)
-    one, many = made(choice), made(choice)
+    single, many = fixed_rate(choice), fixed_rate(choice)
     n = len(choice.states())
     states, variances = np.empty((N, n)), np.empty((N, n))
     innovations, spreads = np.empty(N), np.empty(N)
-    one.run(u, z, states=states, variances=variances, innovations=innovations, innovation_variances=spreads)
+    single.run(u, z, states=states, variances=variances, innovations=innovations, innovation_variances=spreads)
     row = np.empty(n)
     for j in range(N):
         e = many.step(u[j], None if np.isnan(z[j]) else z[j])
@@ -38,8 +38,8 @@ def test_steps_give_the_bits_of_a_record_and_both_what_stamps_give(name: str) ->
         if e is not None:
             assert (e, many.innovation_variance) == (innovations[j], spreads[j])
             assert many.nis == e * e / spreads[j]
-    assert (one.x.tobytes(), one.covariance.tobytes()) == (many.x.tobytes(), many.covariance.tobytes())
-    assert (one.samples, one.rejected) == (N, 0)
+    assert (single.x.tobytes(), single.covariance.tobytes()) == (many.x.tobytes(), many.covariance.tobytes())
+    assert (single.samples, single.rejected) == (N, 0)
 
     t = np.arange(N) * DT
     read = ~np.isnan(z)
@@ -48,15 +48,15 @@ def test_steps_give_the_bits_of_a_record_and_both_what_stamps_give(name: str) ->
     )
     sigma = np.sqrt(np.diag(stamped.covariance))
     # Stamps j dt and steps dt differ in the last bit of t; fused and plain arithmetic round apart.
-    assert np.max(np.abs(one.x - stamped.states[-1]) / sigma) < 1e-9
-    assert np.max(np.abs(one.covariance - stamped.covariance) / np.outer(sigma, sigma)) < 1e-9
-    assert np.max(np.abs(variances[-1] - np.diag(one.covariance))) == 0.0
-    assert one.log_likelihood == pytest.approx(stamped.log_likelihood, rel=1e-9)
+    assert np.max(np.abs(single.x - stamped.states[-1]) / sigma) < 1e-9
+    assert np.max(np.abs(single.covariance - stamped.covariance) / np.outer(sigma, sigma)) < 1e-9
+    assert np.max(np.abs(variances[-1] - np.diag(single.covariance))) == 0.0
+    assert single.log_likelihood == pytest.approx(stamped.log_likelihood, rel=1e-9)
 
 
 def test_a_record_may_come_in_parts() -> None:
     u, z = record(N)
-    whole, parts = made(WORKLOADS["W2"]), made(WORKLOADS["W2"])
+    whole, parts = fixed_rate(WORKLOADS["W2"]), fixed_rate(WORKLOADS["W2"])
     whole.run(u, z)
     for begin in range(0, N, 123):
         parts.run(u[begin : begin + 123], z[begin : begin + 123])
@@ -64,7 +64,7 @@ def test_a_record_may_come_in_parts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("array", "found"),
+    ("array", "text"),
     [
         (np.empty((N, 5)), r"shape \[800, 5\]"),
         (np.empty((N, 6), dtype=np.float32), "dtype float32"),
@@ -73,22 +73,22 @@ def test_a_record_may_come_in_parts() -> None:
         ([0.0], "list"),
     ],
 )
-def test_an_array_that_cannot_take_a_history_is_refused_in_a_sentence(array: Any, found: str) -> None:
+def test_an_array_that_cannot_take_a_history_is_refused_in_a_sentence(array: Any, text: str) -> None:
     u, z = record(N)
-    expected = rf"states: give a writable, C-contiguous float64 array of shape \[800, 6\]; found .*{found}"
+    expected = rf"states: give a writable, C-contiguous float64 array of shape \[800, 6\]; found .*{text}"
     with pytest.raises(ValueError, match=expected):
-        made(WORKLOADS["W2"]).run(u, z, states=array)
+        fixed_rate(WORKLOADS["W2"]).run(u, z, states=array)
 
 
 def test_channels_of_different_length_are_refused() -> None:
     u, z = record(N)
     with pytest.raises(ValueError, match="u has 800 samples, z 799; give NaN"):
-        made(WORKLOADS["W1"]).run(u, z[1:])
+        fixed_rate(WORKLOADS["W1"]).run(u, z[1:])
 
 
 def test_a_sample_that_is_not_finite_is_refused_and_changes_nothing() -> None:
     u, z = record(N)
-    live, same = made(WORKLOADS["W2"]), made(WORKLOADS["W2"])
+    live, same = fixed_rate(WORKLOADS["W2"]), fixed_rate(WORKLOADS["W2"])
     u[100], z[100] = np.nan, 0.0
     with pytest.raises(FilterError, match="not finite") as raised:
         live.run(u, z)
@@ -101,7 +101,7 @@ def test_a_sample_that_is_not_finite_is_refused_and_changes_nothing() -> None:
 def test_a_failed_step_leaves_the_filter_as_it_was() -> None:
     u, z = record(N)
     choice = FilterChoice("aci", "cubic", "inverse", integrator="rk2")
-    live, same = (made(choice, P0=np.eye(6), q=0.0) for _ in range(2))
+    live, same = (fixed_rate(choice, P0=np.eye(6), q=0.0) for _ in range(2))
     with pytest.raises(FilterError) as first:
         live.run(8.0 * u, z)
     failed = live.samples

@@ -41,11 +41,11 @@ def same_filter(case: Case) -> None:
         with pytest.raises(FilterError):
             case.run()
         return
-    found = case.run()
+    outcome = case.run()
     sigma = np.sqrt(np.diag(expected.covariance))
-    assert np.max(np.abs(found.states[-1] - expected.states[-1]) / sigma) < 1e-10  # two ways to round, 22 events
-    assert np.max(np.abs(found.covariance - expected.covariance) / np.outer(sigma, sigma)) < 1e-10
-    assert found.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-10)
+    assert np.max(np.abs(outcome.states[-1] - expected.states[-1]) / sigma) < 1e-10  # two ways to round, 22 events
+    assert np.max(np.abs(outcome.covariance - expected.covariance) / np.outer(sigma, sigma)) < 1e-10
+    assert outcome.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-10)
 
 
 def records(runs: int, n: int) -> tuple[Any, Any]:
@@ -87,13 +87,13 @@ def test_a_batch_gives_what_single_runs_give(choice: FilterChoice) -> None:
     for at in range(runs):
         u = Channel("accel", t, accel[at], "m/s²")
         z = Channel("position", t[::2], position[at, ::2], "m")
-        one = filters.run(choice, u, z, **given_)
-        deviation = np.sqrt(np.diag(one.covariance))
+        outcome = filters.run(choice, u, z, **given_)
+        deviation = np.sqrt(np.diag(outcome.covariance))
         # Stamps j dt and steps dt differ in the last bit of t: 1e-16 of a second times the fastest motion.
-        assert np.max(np.abs(batch.states[at] - one.states[-1]) / deviation) < 1e-10
-        off = np.abs(batch.covariances[at] - one.covariance) / np.outer(deviation, deviation)
+        assert np.max(np.abs(batch.states[at] - outcome.states[-1]) / deviation) < 1e-10
+        off = np.abs(batch.covariances[at] - outcome.covariance) / np.outer(deviation, deviation)
         assert np.max(off) < 1e-10
-        assert batch.log_likelihoods[at] == pytest.approx(one.log_likelihood, rel=1e-10)
+        assert batch.log_likelihoods[at] == pytest.approx(outcome.log_likelihood, rel=1e-10)
 
 
 def test_a_batch_whose_shapes_do_not_fit_is_refused() -> None:

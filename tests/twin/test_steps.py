@@ -120,9 +120,9 @@ def test_every_system_finds_the_scale_error_and_the_bias(system: Any, form: Any,
     accel, position = tone(3000)
     choice = FilterChoice(system, "linear", form, order=order)
     run = filters.run(choice, accel, position, **settings(choice, r_accel=1e-6 if system == "cwpa" else None))
-    found = filters.forward_parameters(run)
-    deviation = np.sqrt(np.diag(found.covariance))
-    assert np.all(np.abs(found.values - [0.01, 0.05]) < 5 * deviation + 1e-4)  # linear interpolation costs 3e-5 of k
+    result = filters.forward_parameters(run)
+    deviation = np.sqrt(np.diag(result.covariance))
+    assert np.all(np.abs(result.values - [0.01, 0.05]) < 5 * deviation + 1e-4)  # linear interpolation costs 3e-5 of k
 
 
 def test_constant_parameters_are_smoothed_to_their_last_filtered_value() -> None:
@@ -143,8 +143,8 @@ def test_the_low_pass_output_is_discretised_with_its_exponential() -> None:
     P0 = np.zeros((6, 6))
     P0[3, 3] = sigma_y**2
     run = filters.run(choice, accel, position, **given | {"P0": P0})
-    kept = sigma_y**2 * np.exp(-2 * DT / tau)
-    assert run.variances[-1, 3] == pytest.approx(kept, rel=1e-12)  # R = 1e18 teaches nothing
+    covariance = sigma_y**2 * np.exp(-2 * DT / tau)
+    assert run.variances[-1, 3] == pytest.approx(covariance, rel=1e-12)  # R = 1e18 teaches nothing
 
 
 @pytest.mark.parametrize("system", ["aci", "cwpa"])
@@ -201,8 +201,8 @@ def failing(kind: str) -> None:
             filters.run(rough, accel, position, **settings(rough, sigma=1.0, q=0.0))
         case "Domain":
             cubic = FilterChoice("aci", "cubic")
-            known = settings(cubic, sigma=0.0) | {"x0": [0.0, 0.0, 0.0, 0.0, -0.1, 0.0]}  # turns over at 5 m/s²
-            filters.run(cubic, accel, position, **known)
+            start = settings(cubic, sigma=0.0) | {"x0": [0.0, 0.0, 0.0, 0.0, -0.1, 0.0]}  # turns over at 5 m/s²
+            filters.run(cubic, accel, position, **start)
         case "TimeOrder":
             live.step(1.0, accel=0.0)
             live.step(0.5, position=0.0)

@@ -77,11 +77,11 @@ def settings(choice: FilterChoice) -> dict[str, Any]:
 
 def least(several: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, float]:
     """Processor time of the fastest round of each, ns per step; in turn, since a processor changes its pace."""
-    found = dict.fromkeys(several, math.inf)
+    result = dict.fromkeys(several, math.inf)
     for _ in range(rounds):
         for name, work in several.items():
-            found[name] = min(found[name], timed(work) / STEPS)
-    return found
+            result[name] = min(result[name], timed(work) / STEPS)
+    return result
 
 
 def timed(work: Callable[[], None]) -> float:

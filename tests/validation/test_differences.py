@@ -88,37 +88,39 @@ def test_an_interval_that_takes_every_error_for_its_own_is_too_short() -> None:
 
 
 def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
-    (one,) = paired.differences
-    assert one.verdict == "better"
-    assert one.pooled is not None
-    low, high = one.pooled.percent_interval
-    assert low <= one.pooled.percent < high < 0.0
-    assert one.sentence.startswith("base + quadratic + cubic is better than base: systematic error smaller by ")
-    assert one.pooled.measure == "systematic error"
-    assert paired.paired_horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)
-    assert len(one.recordings) == 2
-    assert all(change is not None for change in one.recordings)
+    (difference,) = paired.differences
+    assert difference.verdict == "better"
+    assert difference.pooled is not None
+    low, high = difference.pooled.percent_interval
+    assert low <= difference.pooled.percent < high < 0.0
+    assert difference.sentence.startswith("base + quadratic + cubic is better than base: systematic error smaller by ")
+    assert difference.pooled.measure == "systematic error"
+    assert paired.paired_horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.evaluations[0][0], h) >= 5)
+    assert len(difference.recordings) == 2
+    assert all(change is not None for change in difference.recordings)
 
 
 def test_pooled_stretches_are_those_of_all_recordings(paired: Comparison) -> None:
-    (one,) = paired.differences
-    drift = next(change for change in one.horizons if change.measure == "drift after 1 s")
-    by_recording = [change for seen in paired.seen if (change := heldout_change(*seen, 1.0)) is not None]
+    (difference,) = paired.differences
+    drift = next(change for change in difference.horizons if change.measure == "drift after 1 s")
+    by_recording = [
+        change for evaluations in paired.evaluations if (change := heldout_change(*evaluations, 1.0)) is not None
+    ]
     assert drift.stretches == sum(change.stretches for change in by_recording)
-    drifts = [len(seen[0].drifts[1.0][0]) for seen in paired.seen]
-    samples = [seen[0].resolved[0].samples for seen in paired.seen]
-    assert one.pooled is not None
-    for pooled, several, counts in ((drift, by_recording, drifts), (one.pooled, one.recordings, samples)):
+    drifts = [len(evaluations[0].drifts[1.0][0]) for evaluations in paired.evaluations]
+    samples = [evaluations[0].resolved[0].samples for evaluations in paired.evaluations]
+    assert difference.pooled is not None
+    for pooled, several, counts in ((drift, by_recording, drifts), (difference.pooled, difference.recordings, samples)):
         squares = [change.before**2 for change in several if change is not None]
         assert pooled.before == pytest.approx(np.sqrt(np.average(squares, weights=counts)))
 
 
 def test_a_model_is_no_better_than_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
-    found = ac.compare([fits[1], fits[1]], runs[0])
-    assert found.names == ("model 1 (base + quadratic + cubic)", "model 2 (base + quadratic + cubic)")
-    (one,) = found.differences
-    assert one.verdict == "undecided"
-    assert "cannot be said" in one.sentence
+    comparison = ac.compare([fits[1], fits[1]], runs[0])
+    assert comparison.names == ("model 1 (base + quadratic + cubic)", "model 2 (base + quadratic + cubic)")
+    (difference,) = comparison.differences
+    assert difference.verdict == "undecided"
+    assert "cannot be said" in difference.sentence
 
 
 def test_too_few_stretches_and_recordings_that_disagree_are_said() -> None:
@@ -133,23 +135,23 @@ def test_too_few_stretches_and_recordings_that_disagree_are_said() -> None:
 
 
 def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: Comparison) -> None:
-    seen = paired.seen[0][0]
-    counts = {h: stretch_count(seen, h) for h, drift in seen.coast_rms.items() if drift is not None}
+    evaluation = paired.evaluations[0][0]
+    counts = {h: stretch_count(evaluation, h) for h, drift in evaluation.coast_rms.items() if drift is not None}
     assert counts[1.0] >= LEAST_STRETCHES > counts[5.0]
-    assert headline_horizon(seen) == 1.0
+    assert headline_horizon(evaluation) == 1.0
     assert max(counts) > 1.0  # the longest would have been another
 
 
 def test_a_single_model_is_judged_as_by_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
     alone, several = ac.compare(fits[0], runs[0]), ac.compare([fits[0]], runs)
     expected = evaluation.compare(fits[0], runs[0])  # with the filter of the fit itself
-    for seen in (alone[0], alone.seen[0][0], several.seen[0][0]):
-        assert (seen.coast_rms, seen.one_step_rms, seen.band) == (
+    for shown in (alone[0], alone.evaluations[0][0], several.evaluations[0][0]):
+        assert (shown.coast_rms, shown.one_step_rms, shown.band) == (
             expected.coast_rms,
             expected.one_step_rms,
             expected.band,
         )
-        assert np.array_equal(seen.accel_residual[1], expected.accel_residual[1])
+        assert np.array_equal(shown.accel_residual[1], expected.accel_residual[1])
     assert alone.differences == several.differences == ()
     rows = several.table().rows
     assert [row["recording"] for row in rows if row["model"] == "base"] == ["", *several.recordings]
@@ -157,9 +159,11 @@ def test_a_single_model_is_judged_as_by_itself(fits: list[ac.Fit], runs: list[ac
 
 def test_parts_of_each_recording_stand_in_the_table(paired: Comparison) -> None:
     rows = [row for row in paired.table().rows if row["model"] == paired.names[1]]
-    assert [row["drift_1s"] for row in rows] == [paired[1].coast_rms[1.0]] + [s[1].coast_rms[1.0] for s in paired.seen]
-    (one,) = paired.differences
-    changes = [None if change is None else change.percent for change in (one.pooled, *one.recordings)]
+    assert [row["drift_1s"] for row in rows] == [paired[1].coast_rms[1.0]] + [
+        s[1].coast_rms[1.0] for s in paired.evaluations
+    ]
+    (difference,) = paired.differences
+    changes = [None if change is None else change.percent for change in (difference.pooled, *difference.recordings)]
     assert [row["change"] for row in rows] == changes
     models = {row["model"] for row in paired.table("regions").rows}
     assert models == set(paired.names)
@@ -169,7 +173,7 @@ def test_nested_models_are_fitted_to_the_recordings_of_the_fit() -> None:
     train, unseen = record(1, 16.0), record(2, 16.0)
     fit = ac.add(ac.fit(train), train, "cubic")
     nested = ac.nested(fit)
-    assert [each.model.added for each in nested] == [(), ("cubic",)]
+    assert [item.model.added for item in nested] == [(), ("cubic",)]
     assert nested[0]["bias"] == ac.nested(fit, train)[0]["bias"]
     comparison = ac.compare(nested, unseen)
     assert comparison.names == ("base", "base + cubic")
@@ -187,12 +191,12 @@ def test_mistakes_are_said(fits: list[ac.Fit], runs: list[ac.Recording]) -> None
 
 
 def test_frame_and_summary_have_the_numbers_of_the_difference(paired: Comparison) -> None:
-    frame, (one,) = paired.to_dataframe("changes"), paired.differences
-    assert one.pooled is not None
-    assert frame.index.tolist() == [one.name] * 4
+    frame, (difference,) = paired.to_dataframe("changes"), paired.differences
+    assert difference.pooled is not None
+    assert frame.index.tolist() == [difference.name] * 4
     shown = frame[frame["measure"] == "systematic error"].iloc[-1]
-    assert shown["percent"] == one.pooled.percent
-    assert (shown["low"], shown["high"]) == one.pooled.percent_interval
+    assert shown["percent"] == difference.pooled.percent
+    assert (shown["low"], shown["high"]) == difference.pooled.percent_interval
     assert "is better than base" in str(paired)
 
 

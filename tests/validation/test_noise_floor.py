@@ -42,8 +42,8 @@ def bare(rig: Rig) -> Rig:
 
 def recorded(motion: str, rig: Rig, seed: int, seconds: float = 48.0) -> Recording:
     rng = np.random.default_rng([17, seed])
-    made = simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
-    return replace(made, rig=bare(rig)) if motion == "rests" else made
+    recording = simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
+    return replace(recording, rig=bare(rig)) if motion == "rests" else recording
 
 
 def true_model(recording: Recording) -> Fit:
@@ -59,11 +59,11 @@ def test_the_floor_covers_the_drift_of_the_true_model() -> None:
         motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
         fit = true_model(recorded(motion, rig, seed))
         unseen, ruler = recorded(motion, rig, seed + 1000), Ruler.of([fit])
-        floor, seen = noise_floor(ruler, fit, unseen), evaluation.compare(fit, unseen, ruler=ruler)
+        floor, evaluation_here = noise_floor(ruler, fit, unseen), evaluation.compare(fit, unseen, ruler=ruler)
         sources.add(floor.sensor.source)
         number += 1
         for horizon in HORIZONS:
-            spread, drift = floor.drift[horizon], seen.coast_rms[horizon]
+            spread, drift = floor.drift[horizon], evaluation_here.coast_rms[horizon]
             assert spread is not None
             assert drift is not None
             inside[horizon] += spread.low <= drift <= spread.high
@@ -109,12 +109,12 @@ def test_how_often_the_floor_holds_the_drift_beside_flicker_noise(corner: float,
     for seed in range(number):
         motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
         density = rig.sensor.noise or 0.0
-        made = [with_flicker(recorded(motion, rig, seed + n), density, corner, seed + n) for n in (0, 1000)]
-        fit = true_model(made[0])
+        records = [with_flicker(recorded(motion, rig, seed + n), density, corner, seed + n) for n in (0, 1000)]
+        fit = true_model(records[0])
         ruler = Ruler.of([fit])
-        floor, seen = noise_floor(ruler, fit, made[1]), evaluation.compare(fit, made[1], ruler=ruler)
+        floor, evaluation_here = noise_floor(ruler, fit, records[1]), evaluation.compare(fit, records[1], ruler=ruler)
         for horizon in HORIZONS:
-            spread, drift = floor.drift[horizon], seen.coast_rms[horizon]
+            spread, drift = floor.drift[horizon], evaluation_here.coast_rms[horizon]
             assert spread is not None
             assert drift is not None
             inside[horizon] += spread.low <= drift <= spread.high
@@ -144,19 +144,19 @@ def test_half_the_noise_is_not_covered() -> None:
 
 def growing(motion: str, rig: Rig, cubic: float, declared: bool) -> list[tuple[list[Fit], NoiseFloor]]:
     """A base model alone and with a cubic beside it, each with its floor on another recording."""
-    truth, steps, found = {**TRUTH, "cubic": cubic}, list[Fit](), []
+    truth, steps, result = {**TRUTH, "cubic": cubic}, list[Fit](), []
     train, unseen = (
         simulate(motion, seconds=48.0, rig=rig, parameters=truth, rng=np.random.default_rng(seed)).recording
         for seed in (1, 2)
     )
     if not declared:
-        train, unseen = (replace(one, rig=bare(rig)) for one in (train, unseen))
+        train, unseen = (replace(recording, rig=bare(rig)) for recording in (train, unseen))
     for model in (Model.linear(), Model.linear().add("cubic")):
         steps.append(estimate(model, train))
         floor = compare_models(steps, unseen, Ruler.of(steps))[0].noise_floor
         assert floor is not None
-        found.append((list(steps), floor))
-    return found
+        result.append((list(steps), floor))
+    return result
 
 
 @pytest.mark.parametrize(
@@ -208,9 +208,9 @@ def test_all_models_of_a_table_have_one_floor() -> None:
 
 def test_density_at_rest_is_that_of_the_sensor() -> None:
     for rig in (ADXL105_RIG, CXL02_RIG):
-        found = density_at_rest(recorded("rests", rig, 5))
-        assert found is not None
-        density, std = found
+        result = density_at_rest(recorded("rests", rig, 5))
+        assert result is not None
+        density, std = result
         assert abs(density - (rig.sensor.noise or 0.0)) < 4.0 * std
         assert std < 0.1 * density
 
@@ -230,10 +230,10 @@ def test_density_at_rest_is_not_that_of_the_part_with_the_least_noise() -> None:
 def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
     fitted = Noise(1.0, 1e-12)
     declared = CXL02_RIG.sensor.noise or 0.0
-    made = recorded("rests", CXL02_RIG, 6)
-    for factor, told in ((1.0, None), (2.0 * REMARKED_BEYOND, 2.0 * REMARKED_BEYOND * declared)):
+    recording = recorded("rests", CXL02_RIG, 6)
+    for factor, message in ((1.0, None), (2.0 * REMARKED_BEYOND, 2.0 * REMARKED_BEYOND * declared)):
         rig = replace(CXL02_RIG, sensor=replace(CXL02_RIG.sensor, noise=factor * declared))
-        assert SensorNoise.of(replace(made, rig=rig), fitted).declared == told
+        assert SensorNoise.of(replace(recording, rig=rig), fitted).declared == message
     assert SensorNoise.of(recorded("tones", CXL02_RIG, 6), fitted).source == "declared"
     assert SensorNoise.of(replace(recorded("tones", CXL02_RIG, 6), rig=bare(CXL02_RIG)), fitted).source == "fit"
 
@@ -241,47 +241,47 @@ def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
 @pytest.mark.parametrize("noise", [0.0, 3.0])
 def test_a_declaration_that_the_record_contradicts_is_not_used(noise: float) -> None:
     # None at all, and three times the true density: an error below such a floor would look like a good one.
-    made = recorded("tones", ADXL105_RIG, 9)
-    fit = true_model(made)
+    recording = recorded("tones", ADXL105_RIG, 9)
+    fit = true_model(recording)
     rig = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=noise * (ADXL105_RIG.sensor.noise or 0.0)))
-    floor = noise_floor(Ruler.of([fit]), fit, replace(made, rig=rig))
+    floor = noise_floor(Ruler.of([fit]), fit, replace(recording, rig=rig))
     assert floor.sensor.source == "fit"
     assert floor.sensor.is_limit
     assert floor.sensor.density == pytest.approx(ADXL105_RIG.sensor.noise, rel=0.1)
 
 
 def test_a_servo_that_works_at_rest_is_no_noise_of_the_sensor() -> None:
-    made = recorded("rests", CXL02_RIG, 10)
-    fit = true_model(made)
-    t = made.accel.t
+    recording = recorded("rests", CXL02_RIG, 10)
+    fit = true_model(recording)
+    t = recording.accel.t
     dither = 0.02 * np.sin(2.0 * np.pi * np.cumsum(np.random.default_rng(1).uniform(3.0, 9.0, len(t))) / 1667.0)
-    shaken = replace(made, accel=replace(made.accel, y=made.accel.y + dither))
-    assert SensorNoise.of(made, fit.noise()).source == "rest"
+    shaken = replace(recording, accel=replace(recording.accel, y=recording.accel.y + dither))
+    assert SensorNoise.of(recording, fit.noise()).source == "rest"
     assert SensorNoise.of(shaken, fit.noise()).source != "rest"
 
 
 def test_codes_of_a_converter_are_no_noise() -> None:
-    made = recorded("rests", CXL02_RIG, 11)
-    coarse = replace(made, accel=replace(made.accel, y=0.5 * np.rint(made.accel.y / 0.5)))
-    assert density_at_rest(made) is not None
+    recording = recorded("rests", CXL02_RIG, 11)
+    coarse = replace(recording, accel=replace(recording.accel, y=0.5 * np.rint(recording.accel.y / 0.5)))
+    assert density_at_rest(recording) is not None
     assert density_at_rest(coarse) is None
 
 
 def test_an_error_has_an_interval_over_its_start_points() -> None:
     fit = true_model(recorded("tones", ADXL105_RIG, 7))
-    seen = evaluation.compare(fit, recorded("tones", ADXL105_RIG, 8))
-    spread = drift_spread(seen, 1.0)
+    comparison = evaluation.compare(fit, recorded("tones", ADXL105_RIG, 8))
+    spread = drift_spread(comparison, 1.0)
     assert spread is not None
-    assert spread.value == pytest.approx(seen.coast_rms[1.0])
+    assert spread.value == pytest.approx(comparison.coast_rms[1.0])
     assert spread.low < spread.value < spread.high
-    assert drift_spread(seen, 10.0) is None  # one and a half stretches
+    assert drift_spread(comparison, 10.0) is None  # one and a half stretches
 
 
 def test_the_budget_of_a_drift_adds_up() -> None:
-    made, unseen = recorded("interleaved", CXL02_RIG, 12), recorded("interleaved", CXL02_RIG, 13)
-    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("cubic"), made)]
+    train, unseen = recorded("interleaved", CXL02_RIG, 12), recorded("interleaved", CXL02_RIG, 13)
+    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("cubic"), train)]
     comparison = compare(fits, unseen, horizons=(1.0,), budget=True)
-    lacking, right = (evaluated.budget for evaluated in comparison.seen[0])
+    lacking, right = (evaluated.budget for evaluated in comparison.evaluations[0])
     assert lacking is not None
     assert right is not None
     # white acceleration of density N, integrated twice: N² h³ / 6
@@ -296,7 +296,7 @@ def test_the_budget_of_a_drift_adds_up() -> None:
         assert np.hypot.reduce(parts) == pytest.approx(max(part.total.value, part.predicted))
     # the twins: parameters three times as uncertain, and a table that does not hold the model that lacks nothing
     uncertain = [fits[0], replace(fits[1], covariance=9.0 * fits[1].covariance)]
-    other = compare(uncertain, unseen, horizons=(1.0,), budget=True).seen[0][1].budget
+    other = compare(uncertain, unseen, horizons=(1.0,), budget=True).evaluations[0][1].budget
     assert other is not None
     assert other.parameters.value == pytest.approx(3.0 * right.parameters.value, rel=0.02)
     alone = compare(fits[0], unseen, horizons=(1.0,), budget=True)
@@ -307,9 +307,9 @@ def test_the_budget_of_a_drift_adds_up() -> None:
 
 def test_noise_that_an_effect_holds_back_is_no_part_of_what_it_explains(tmp_path: Path) -> None:
     hidden = World("bursts", "ADXL105", hidden=(Hidden("rail_slope", 15.0),), seed=5).settled()
-    made, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("bursts", 6)))
-    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("rail_slope"), made)]
-    lacking = compare(fits, unseen, horizons=(1.0,), budget=True).seen[0][0].budget
+    train, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("bursts", 6)))
+    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("rail_slope"), train)]
+    lacking = compare(fits, unseen, horizons=(1.0,), budget=True).evaluations[0][0].budget
     assert lacking is not None
     assert 0.3 < lacking.missing / lacking.noise.value < 1.0
     assert lacking.predicted == pytest.approx(lacking.total.value, rel=0.15)
@@ -317,9 +317,9 @@ def test_noise_that_an_effect_holds_back_is_no_part_of_what_it_explains(tmp_path
 
 def test_friction_that_holds_the_motion_back_holds_noise_back(tmp_path: Path) -> None:
     hidden = World("interleaved", "ADXL105", hidden=(Hidden("coulomb", 0.05),), seconds=40.0, seed=3).settled()
-    made, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("interleaved", 4)))
-    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("coulomb"), made)]
-    base, right = compare(fits, unseen).seen[0]
+    train, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("interleaved", 4)))
+    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("coulomb"), train)]
+    base, right = compare(fits, unseen).evaluations[0]
     assert base.noise_floor is not None
     assert right.noise_floor is not None
     held, unheld, drift = right.noise_floor.drift[5.0], base.noise_floor.drift[5.0], right.coast_rms[5.0]

@@ -17,11 +17,11 @@ STEP, INSTANT = 0.02, 21.0
 
 def record(seed, effect="", size=0.0, shape=None):
     rng = np.random.default_rng(seed)
-    made = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    simulation = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
     digest = f"{effect} {seed}"
     if not effect:
-        return dataclasses.replace(made.recording, digest=digest)
-    hidden = with_effect(made, find(effect), size, shape, prepare(made.recording).origins)
+        return dataclasses.replace(simulation.recording, digest=digest)
+    hidden = with_effect(simulation, find(effect), size, shape, prepare(simulation.recording).origins)
     return dataclasses.replace(hidden, digest=digest)
 
 
@@ -33,27 +33,27 @@ def stepped():
 
 
 def test_a_step_of_one_record_is_no_step_of_another(stepped):
-    base, found, recording = stepped
-    assert found["bias_step"].value == pytest.approx(STEP, rel=0.05)
+    base, result, recording = stepped
+    assert result["bias_step"].value == pytest.approx(STEP, rel=0.05)
     other = record(4)
-    plain, seen = ac.compare(base, other)[0], ac.compare(found, other)[0]
+    plain, evaluation = ac.compare(base, other)[0], ac.compare(result, other)[0]
     # windows across the instant would drift by STEP h^2/2 = 1 m; the filters differ, for the base calls the step noise
-    assert seen.coast_rms[10.0] < 0.5 * plain.coast_floor[10.0]
-    assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
-    assert seen.not_carried == ("bias_step: follows the clock of the fitted recording; left out on this one",)
+    assert evaluation.coast_rms[10.0] < 0.5 * plain.coast_floor[10.0]
+    assert evaluation.coast_rms[10.0] == pytest.approx(evaluation.coast_floor[10.0], rel=1.0)
+    assert evaluation.not_carried == ("bias_step: follows the clock of the fitted recording; left out on this one",)
     # the twin: taken for the fitted recording, it drifts by the step that it never had
-    twin = ac.compare(found, dataclasses.replace(other, digest=recording.digest))[0]
-    assert twin.coast_rms[10.0] > 5.0 * seen.coast_rms[10.0]
+    twin = ac.compare(result, dataclasses.replace(other, digest=recording.digest))[0]
+    assert twin.coast_rms[10.0] > 5.0 * evaluation.coast_rms[10.0]
     assert twin.not_carried == ()
 
 
 def test_on_its_own_record_the_step_stays(stepped):
-    _, found, recording = stepped
-    seen = ac.compare(found, recording)[0]
-    assert seen.not_carried == ()
-    assert values_on(found, recording) == found.values()
-    assert values_on(found, recording.part(25.0, 39.0)) == found.values()  # a part has the clock of the whole
-    assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
+    _, result, recording = stepped
+    evaluation = ac.compare(result, recording)[0]
+    assert evaluation.not_carried == ()
+    assert values_on(result, recording) == result.values()
+    assert values_on(result, recording.part(25.0, 39.0)) == result.values()  # a part has the clock of the whole
+    assert evaluation.coast_rms[10.0] == pytest.approx(evaluation.coast_floor[10.0], rel=1.0)
 
 
 def test_clocks_that_agree_within_a_tolerance_are_set_anew_on_another_record():
@@ -74,13 +74,13 @@ def test_clocks_that_agree_within_a_tolerance_are_set_anew_on_another_record():
 def test_creep_begins_on_another_record_as_after_a_long_rest():
     recording = record(5, "creep", 0.2, {"tau": 2.0, "start": 0.9})
     model = ac.Model.linear().add("creep", shapes={"creep": {"tau": 2.0, "start": 0.9}})
-    found = ac.fit(recording, model.freeze(**{"creep.tau": 2.0, "creep.start": 0.9}))
-    [term] = (term for term in values_on(found, record(6)).terms if term.name == "creep")
+    fit = ac.fit(recording, model.freeze(**{"creep.tau": 2.0, "creep.start": 0.9}))
+    [term] = (term for term in values_on(fit, record(6)).terms if term.name == "creep")
     assert (term.shape["start"], term.shape["tau"]) == (0.0, 2.0)
-    assert values_on(found, record(6)).by_name == found.values().by_name
-    assert left_out(found, record(6)) == ("creep: begins on this recording as after a long rest",)
-    [kept] = (term for term in values_on(found, recording).terms if term.name == "creep")
-    assert kept.shape["start"] == 0.9
+    assert values_on(fit, record(6)).by_name == fit.values().by_name
+    assert left_out(fit, record(6)) == ("creep: begins on this recording as after a long rest",)
+    [remaining] = (term for term in values_on(fit, recording).terms if term.name == "creep")
+    assert remaining.shape["start"] == 0.9
 
 
 def test_effects_of_motion_are_carried(stepped):

@@ -32,15 +32,15 @@ def fitted(folder, reference: Reference, seed: int, quadratic: float = 0.0) -> t
 def test_nothing_stands_out_where_nothing_is_missing(tmp_path, reference: Reference, seed: int) -> None:
     """False alarms: a region in 1 % of the records, a spectrum outside its limits in less than 1e-4."""
     fit, recording = fitted(tmp_path, reference, seed)
-    seen = ac.compare(fit, recording)[0]
-    print(seen.worst, fit.runs[0].nis, seen.nis)
-    assert seen.worst.lower().startswith(NOWHERE)
-    for nis in (fit.runs[0].nis, seen.nis):
+    evaluation = ac.compare(fit, recording)[0]
+    print(evaluation.worst, fit.runs[0].nis, evaluation.nis)
+    assert evaluation.worst.lower().startswith(NOWHERE)
+    for nis in (fit.runs[0].nis, evaluation.nis):
         assert nis is not None
         assert abs(nis - 1.0) < 0.05
-    assert seen.innovations is not None
-    assert len(seen.normalised[1]) == len(seen.innovations[1]) > 1000
-    for spectrum in (accel_spectrum(fit, seen), one_step_spectrum(seen)):
+    assert evaluation.innovations is not None
+    assert len(evaluation.normalised[1]) == len(evaluation.innovations[1]) > 1000
+    for spectrum in (accel_spectrum(fit, evaluation), one_step_spectrum(evaluation)):
         assert spectrum is not None
         ratio = spectrum.density / spectrum.predicted
         assert np.mean((ratio < spectrum.low) | (ratio > spectrum.high)) < 0.2
@@ -68,5 +68,5 @@ def test_an_integral_has_no_steps(tmp_path) -> None:
     recording = load(replace(world, encoder_rate=ACCEL_RATE, encoder_noise=3.4e-9).record().write(tmp_path))
     assert position_steps(RelationColumns(prepare(recording).complete))
     assert Examined(recording).source.recording is recording
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert "position_step" not in [remark.code for remark in found.remarks]
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert "position_step" not in [remark.code for remark in diagnosis.remarks]

@@ -20,7 +20,7 @@ def test_with_the_hidden_slack_the_residual_of_another_record_falls(tmp_path, mo
     added = ac.add(base, train, "encoder_backlash")
     assert added["encoder_backlash"].value == pytest.approx(SLACK, rel=0.3)
     ruler = Ruler.of([base, added])
-    before, after = (seen.accel_rms for seen in ac.compare([base, added], unseen))
+    before, after = (error.accel_rms for error in ac.compare([base, added], unseen))
     print(f"residual without the slack {before:.5g}, with it {after:.5g} m/s²")
     assert after < 0.999 * before
     # the twin: at the motion of the causal filter the slack is crossed late, which doubles the jumps

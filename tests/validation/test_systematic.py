@@ -130,7 +130,7 @@ def test_a_wave_of_the_encoder_is_an_error_of_the_reference(tmp_path: Path) -> N
     train, other = (ac.load(w.record().write(tmp_path, str(w.seed))) for w in (rig, rig.again("interleaved", 612)))
     base = ac.fit(train)
     comparison = ac.compare([base, ac.add(base, train, "encoder_cyclic")], other)
-    lacking, right = (evaluation.reference for evaluation in comparison.seen[0])
+    lacking, right = (evaluation.reference for evaluation in comparison.evaluations[0])
     assert lacking is None  # it corrects nothing
     assert right is not None
     without, left = right

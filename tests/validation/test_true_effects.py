@@ -54,8 +54,8 @@ def heated(seed: int) -> Recording:
     s = np.sin(w[:, None] * t + rng.uniform(0.0, 6.0, 3)[:, None])
     p = (0.6 + 0.4 * np.sin(2.0 * np.pi * t / 17.0)) * (size @ s)
     a = make_interp_spline(t, p, k=7).derivative(2)(t)
-    kept = np.exp(-1.0 / (rate * HEAT_TAU))
-    heat = lfilter([0.0, 1.0 - kept], [1.0, -kept], a**2)
+    decay = np.exp(-1.0 / (rate * HEAT_TAU))
+    heat = lfilter([0.0, 1.0 - decay], [1.0, -decay], a**2)
     return recorded(t, 0.05 + 1.01 * a + HEAT * heat, p, 2e-3, rng)
 
 

@@ -98,8 +98,8 @@ def test_a_region_is_seen_where_the_residual_is() -> None:
 def test_slow_noise_makes_no_region_and_a_cubic_beside_it_does() -> None:
     # Three honest records with 1/f noise and a random walk: one is named in 100. The twin names all.
     honest = [evaluation_of(number, 71, slow=True) for number in range(3)]
-    print([seen.worst for seen in honest])
-    assert sum(false_regions(seen)["named"] for seen in honest) == 0
+    print([evaluation.worst for evaluation in honest])
+    assert sum(false_regions(evaluation)["named"] for evaluation in honest) == 0
     assert evaluation_of(0, 71, slow=True, error="cubic").worst_regions[0].variable == "acceleration"
 
 
@@ -129,9 +129,9 @@ def test_no_region_is_seen_beside_holes() -> None:
     z = -(waves / w**2).sum(axis=1) + 1e-4 * rng.standard_normal(t.size)
     rig = ac.Rig(ac.Sensor(noise=1e-3))
 
-    def of(kept: np.ndarray) -> ac.Recording:
+    def of(remaining: np.ndarray) -> ac.Recording:
         units = {"accel": "m/s^2", "position": "m"}
-        return ac.Recording.from_arrays(t, u, z[kept], position_t=t[kept], units=units, rig=rig)
+        return ac.Recording.from_arrays(t, u, z[remaining], position_t=t[remaining], units=units, rig=rig)
 
     fit = ac.fit(of(t >= 0.0))
     with warnings.catch_warnings():
@@ -143,38 +143,40 @@ def test_no_region_is_seen_beside_holes() -> None:
 
 
 @pytest.fixture(scope="module")
-def seen() -> Evaluation:
+def evaluation() -> Evaluation:
     """A model without the cubic that the record holds."""
     rng = np.random.default_rng(2)
-    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
-    return ac.compare(ac.fit(made.recording), made.recording)[0]
+    simulation = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
+    return ac.compare(ac.fit(simulation.recording), simulation.recording)[0]
 
 
-def test_a_change_of_set_up_takes_nothing_from_a_share(seen: Evaluation) -> None:
-    t, residual = seen.accel_residual
-    moved = systematic.failing(replace(seen, accel_residual=(t, residual + 1.0), accel_rms=1.0), seen.bins, 1.0)
-    assert moved.worst_regions[0].share == pytest.approx(seen.worst_regions[0].share)
+def test_a_change_of_set_up_takes_nothing_from_a_share(evaluation: Evaluation) -> None:
+    t, residual = evaluation.accel_residual
+    moved = systematic.failing(
+        replace(evaluation, accel_residual=(t, residual + 1.0), accel_rms=1.0), evaluation.bins, 1.0
+    )
+    assert moved.worst_regions[0].share == pytest.approx(evaluation.worst_regions[0].share)
 
 
-def test_all_faces_say_the_same(seen: Evaluation) -> None:
-    assert Evaluation.from_json(seen.to_json()).worst_regions == seen.worst_regions
+def test_all_faces_say_the_same(evaluation: Evaluation) -> None:
+    assert Evaluation.from_json(evaluation.to_json()).worst_regions == evaluation.worst_regions
     with redirect_stdout(io.StringIO()) as out:
-        show(seen, "regions")
-    said = out.getvalue()
-    head, rows = seen.table("regions").cells
-    assert all(title in said for title in head)
+        show(evaluation, "regions")
+    message = out.getvalue()
+    head, rows = evaluation.table("regions").cells
+    assert all(title in message for title in head)
     first = rows[0]
     assert first[0] == "acceleration"
-    assert seen.worst_regions[0].p < 1e-6
-    assert all(cell in said for cell in first)
-    frame = seen.to_dataframe("regions")
+    assert evaluation.worst_regions[0].p < 1e-6
+    assert all(cell in message for cell in first)
+    frame = evaluation.to_dataframe("regions")
     assert [frame.loc["acceleration", key] for key in ("low", "high", "sigma", "p")] == [
-        getattr(seen.worst_regions[0], key) for key in ("low", "high", "sigma", "p")
+        getattr(evaluation.worst_regions[0], key) for key in ("low", "high", "sigma", "p")
     ]
 
 
-def test_cells_have_units_that_read_well(seen: Evaluation) -> None:
-    columns = seen.table("regions").shown
+def test_cells_have_units_that_read_well(evaluation: Evaluation) -> None:
+    columns = evaluation.table("regions").shown
 
     def cells(region: Region) -> tuple[str, ...]:
         return tuple(column.cell(comparisons.region_row(region)) for column in columns)

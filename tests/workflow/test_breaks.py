@@ -37,11 +37,11 @@ def test_a_fit_ends_at_a_break_and_says_so(fits):
     assert cut.runs[0].end == pytest.approx(BREAK, abs=0.3)
     assert "no relation of output and position holds" in cut.remarks[0].sentence
     assert whole.runs[0].end > 39.0
-    assert not any(one.code == "break" for one in whole.remarks)
+    assert not any(remark.code == "break" for remark in whole.remarks)
     free = cut["scale_factor"]
     assert free.value == pytest.approx(0.01, abs=5.0 * free.std)
     chosen = ac.fit(broken(1), start=0.0, end=20.0)
-    assert not any(one.code == "break" for one in chosen.remarks)
+    assert not any(remark.code == "break" for remark in chosen.remarks)
 
 
 def test_an_effect_is_added_to_the_same_part(fits):
@@ -50,17 +50,17 @@ def test_an_effect_is_added_to_the_same_part(fits):
 
 
 def test_a_comparison_ends_at_a_break(fits):
-    seen, good = ac.compare(fits[1], broken(2))[0], ac.compare(fits[1], record(2))[0]
-    assert seen.breaks[0] == pytest.approx(BREAK, abs=0.3)
-    assert seen.residual[0][-1] < BREAK + 0.3
-    assert seen.coast_rms[1.0] < 2.0 * good.coast_rms[1.0]
+    broken_run, good = ac.compare(fits[1], broken(2))[0], ac.compare(fits[1], record(2))[0]
+    assert broken_run.breaks[0] == pytest.approx(BREAK, abs=0.3)
+    assert broken_run.residual[0][-1] < BREAK + 0.3
+    assert broken_run.coast_rms[1.0] < 2.0 * good.coast_rms[1.0]
     assert good.breaks == ()
-    assert type(seen).from_json(seen.to_json()).breaks == seen.breaks
+    assert type(broken_run).from_json(broken_run.to_json()).breaks == broken_run.breaks
 
 
 def test_a_held_out_recording_is_cut_at_its_break():
-    found = ac.improve(record(3), holdout=broken(2), most=1)
-    (note,) = [one for one in found.diagnosis.remarks if one.code == "break"]
+    improvement = ac.improve(record(3), holdout=broken(2), most=1)
+    (note,) = [remark for remark in improvement.diagnosis.remarks if remark.code == "break"]
     assert note.sentence.startswith("held out, ")
-    assert found.steps[0].heldout.residual[0][-1] < BREAK + 0.3
-    assert any("held out" in text for text in found.diagnosis.suspect)
+    assert improvement.steps[0].heldout.residual[0][-1] < BREAK + 0.3
+    assert any("held out" in text for text in improvement.diagnosis.suspect)

@@ -28,11 +28,11 @@ def test_it_ends_where_a_fit_of_its_own_does_and_runs_the_filter_less_often(line
     filtered, run_filter = [], run_state.run_filter
     monkeypatch.setattr(run_state, "run_filter", lambda run, *more: (filtered.append(run), run_filter(run, *more))[1])
     model = linear.model.add("quadratic")
-    own = estimated(model, initial_states(model, [state.run for state in linear.states], [None]))
+    separate = estimated(model, initial_states(model, [state.run for state in linear.states], [None]))
     alone = len(filtered)
     grown = estimated(model, [state.grown(model) for state in linear.states], least=ROUNDS_OF_GROWN)
-    std = np.sqrt(np.diag(own.covariance))
-    assert np.all(np.abs(grown.x - own.x) < 0.05 * std)  # both stop at a hundredth, the noise a little apart
+    std = np.sqrt(np.diag(separate.covariance))
+    assert np.all(np.abs(grown.x - separate.x) < 0.05 * std)  # both stop at a hundredth, the noise a little apart
     np.testing.assert_allclose(np.sqrt(np.diag(grown.covariance)), std, rtol=0.02)
     assert len(filtered) - alone < alone
     assert abs(grown.x[-1] / std[-1]) > 10.0  # and there is something to find

@@ -35,15 +35,15 @@ def record(seed, seconds=40.0, rig=CXL02_RIG, profile="interleaved", vibration=N
 def test_nothing_is_named_and_nothing_is_adequate_beside_a_scale_that_no_sensor_has(factor):
     plain = record(61, seconds=20.0)
     position = dataclasses.replace(plain.position, y=factor * plain.position.y)
-    made = dataclasses.replace(plain, position=position, rig=dataclasses.replace(plain.rig, resolution=None))
-    fit = ac.fit(made)
-    said, found = diagnose(fit, made), improve(made, most=1)
-    assert (said.verdict, found.verdict) == (("adequate",) * 2 if factor == 1.0 else ("unexplained",) * 2)
-    assert (said.effects, found.effects) == ((), ())
-    for verdict in (said, found.diagnosis):
-        told = [one.sentence for one in verdict.remarks if one.code == "implausible_scale"]
-        assert told == [one.sentence for one in fit.remarks if one.code == "implausible_scale"]
-        assert bool(told) == (factor != 1.0)
+    changed = dataclasses.replace(plain, position=position, rig=dataclasses.replace(plain.rig, resolution=None))
+    fit = ac.fit(changed)
+    diagnosis, result = diagnose(fit, changed), improve(changed, most=1)
+    assert (diagnosis.verdict, result.verdict) == (("adequate",) * 2 if factor == 1.0 else ("unexplained",) * 2)
+    assert (diagnosis.effects, result.effects) == ((), ())
+    for verdict in (diagnosis, result.diagnosis):
+        messages = [remark.sentence for remark in verdict.remarks if remark.code == "implausible_scale"]
+        assert messages == [remark.sentence for remark in fit.remarks if remark.code == "implausible_scale"]
+        assert bool(messages) == (factor != 1.0)
         assert verdict.nameable == (factor == 1.0)
 
 
@@ -62,8 +62,8 @@ def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(n
     a = motion("interleaved", 40.0, rng).derivatives(nonlinear.accel.t)[2]
     largest = 1e-3 * float(np.max(a**2))
     rig = dataclasses.replace(nonlinear.rig, tolerance=factor * largest)
-    found = diagnose(estimate(ac.Model.linear(), nonlinear), dataclasses.replace(nonlinear, rig=rig))
-    content = results_json.content(found)
+    diagnosis = diagnose(estimate(ac.Model.linear(), nonlinear), dataclasses.replace(nonlinear, rig=rig))
+    content = results_json.content(diagnosis)
     assert content["effects"] == ["quadratic"]
     assert content["importance"][kind] == ["quadratic"]
     assert content["importance"]["tolerance"] == factor * largest
@@ -72,16 +72,16 @@ def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(n
 
 
 def test_without_a_declared_tolerance_nothing_is_split(nonlinear):
-    found = improve(nonlinear)
-    assert found.importance is None
-    assert found.diagnosis.sizes["quadratic"].value > 0.0
+    improvement = improve(nonlinear)
+    assert improvement.importance is None
+    assert improvement.diagnosis.sizes["quadratic"].value > 0.0
 
 
 def test_metres_are_not_compared_with_an_acceleration():
     sizes = {"cubic": Size(0.02), "encoder_cyclic": Size(1.0, at_encoder=True), "velocity": Size(0.001)}
-    found = split(("cubic", "encoder_cyclic", "velocity", "whiteness"), sizes, 0.01)
-    assert (found.matters, found.below) == (("cubic",), ("velocity",))
-    assert found.not_comparable == ("encoder_cyclic", "whiteness")
+    result = split(("cubic", "encoder_cyclic", "velocity", "whiteness"), sizes, 0.01)
+    assert (result.matters, result.below) == (("cubic",), ("velocity",))
+    assert result.not_comparable == ("encoder_cyclic", "whiteness")
 
 
 # ---- channels and outliers -----------------------------------------------------------------------------------------
@@ -89,8 +89,8 @@ def test_metres_are_not_compared_with_an_acceleration():
 
 def test_channels_are_tested_anew_once_an_effect_has_entered():
     shaken = record(11, quadratic=1e-3, vibration=Vibration(0.05, 230.0))
-    found = improve(shaken)
-    assert found.effects == ("quadratic", "vibration")
+    improvement = improve(shaken)
+    assert improvement.effects == ("quadratic", "vibration")
     # The sister: nothing shakes, nothing is heard.
     assert improve(record(11, quadratic=1e-3)).effects == ("quadratic",)
 
@@ -114,11 +114,11 @@ def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, 
     spoiled, at = outlying(clean, channel, sizes)
     level = {"accel": lambda f: f.runs[0].noise.all.density, "position": lambda f: f.runs[0].noise.all.reading}[channel]
     good, bad = (level(estimate(ac.Model.linear(), run)) for run in (clean, spoiled))
-    found = diagnose(estimate(ac.Model.linear(), clean), spoiled)
-    assert effect in found.effects
+    diagnosis = diagnose(estimate(ac.Model.linear(), clean), spoiled)
+    assert effect in diagnosis.effects
     assert bad > 1.2 * good
-    assert level(found.fit) == pytest.approx(good, rel=0.03)  # 2 % is what the likelihood knows of either noise
-    (dropped,) = found.dropped
+    assert level(diagnosis.fit) == pytest.approx(good, rel=0.03)  # 2 % is what the likelihood knows of either noise
+    (dropped,) = diagnosis.dropped
     assert (dropped.channel, dropped.of) == (channel, len(getattr(clean, channel)))
     assert 0.95 * len(at) <= dropped.count <= len(at)  # a few of them may also be jumps of the motion
 
@@ -129,9 +129,9 @@ def test_one_outlier_is_left_out_and_no_property_of_the_noise(number):
     y = clean.position.y.copy()
     y[np.linspace(2000, len(y) - 2000, number + 2).astype(int)[1:-1]] += 25e-6
     spoiled = dataclasses.replace(clean, position=dataclasses.replace(clean.position, y=y))
-    found = diagnose(estimate(ac.Model.linear(), clean), spoiled)
-    assert [dropped.count for dropped in found.dropped] == [number]
-    assert ("encoder_outliers" in found.effects) is (number > 1)
+    diagnosis = diagnose(estimate(ac.Model.linear(), clean), spoiled)
+    assert [dropped.count for dropped in diagnosis.dropped] == [number]
+    assert ("encoder_outliers" in diagnosis.effects) is (number > 1)
 
 
 def test_what_a_missing_effect_leaves_is_no_scatter_of_the_readings():
@@ -145,9 +145,9 @@ def test_what_a_missing_effect_leaves_is_no_scatter_of_the_readings():
     z = 5e-7 * np.round(z / 5e-7) + 2e-7 * rng.standard_normal(3000)
     run = ac.Recording.from_arrays(t, u, z, position_t=at, units={"accel": "m/s^2", "position": "m"})
     fit = ac.fit(run)
-    found = diagnose(fit, run)
-    assert found.effects == ("cubic",)
-    assert diagnose(ac.add(fit, run, *found.effects), run).effects == ()
+    diagnosis = diagnose(fit, run)
+    assert diagnosis.effects == ("cubic",)
+    assert diagnose(ac.add(fit, run, *diagnosis.effects), run).effects == ()
 
 
 def test_nothing_is_left_out_of_a_good_record():
@@ -159,14 +159,14 @@ def test_nothing_is_left_out_of_a_good_record():
 def test_held_out_data_lose_their_outliers_for_every_step():
     spoiled, _ = outlying(record(13, quadratic=1e-3), "position", (12e-6, 40e-6))
     test, at = outlying(record(14, quadratic=1e-3), "position", (12e-6, 40e-6), seed=6)
-    found = improve(spoiled, holdout=test)
-    assert found.effects == ("quadratic", "encoder_outliers")
-    lost = [d for d in found.diagnosis.dropped if d.recording.startswith("held out")]
+    improvement = improve(spoiled, holdout=test)
+    assert improvement.effects == ("quadratic", "encoder_outliers")
+    lost = [d for d in improvement.diagnosis.dropped if d.recording.startswith("held out")]
     assert [d.channel for d in lost] == ["position"]
     assert 0.9 * len(at) <= lost[0].count <= len(at)
-    assert len({len(step.heldout.residual[0]) for step in found.steps}) == 1
+    assert len({len(step.heldout.residual[0]) for step in improvement.steps}) == 1
     clean = improve(record(13, quadratic=1e-3), holdout=record(14, quadratic=1e-3))
-    assert found.steps[-1].heldout.one_step_rms < 1.02 * clean.steps[-1].heldout.one_step_rms
+    assert improvement.steps[-1].heldout.one_step_rms < 1.02 * clean.steps[-1].heldout.one_step_rms
 
 
 # ---- beyond the trained range ----------------------------------------------------------------------------------------
@@ -176,32 +176,34 @@ def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
     small = record(21, profile="tones", cubic=1e-3)
     fitted = estimate(ac.Model.linear(), small)
     rng = np.random.default_rng(22)
-    made = ac.simulate("tones", seconds=40.0, rig=CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0)
-    seen = compare(fitted, made.recording)
-    of_a = next(o for o in seen.outside if o.variable == "a")
+    simulation = ac.simulate(
+        "tones", seconds=40.0, rig=CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0
+    )
+    comparison = compare(fitted, simulation.recording)
+    of_a = next(o for o in comparison.outside if o.variable == "a")
     low, high = of_a.range
-    a = made.truth.motion.derivatives(made.recording.position.t)[2]
+    a = simulation.truth.motion.derivatives(simulation.recording.position.t)[2]
     truly = int(np.sum((a < low) | (a > high)))
     assert truly > 1000
     assert of_a.count == pytest.approx(truly, rel=0.05)  # the encoder's own acceleration, noisy, ends left out
     inside, outside = of_a.one_step
     assert outside > inside  # cubic is missing, and grows with a
-    assert of_a.count < seen.outside[-1].of
-    assert seen.outside[-1].variable == "any"
-    assert seen.outside[-1].count >= max(o.count for o in seen.outside)
-    assert sum(of_a.starts[1.0]) == seen.coast_starts[1.0]
-    content = results_json.content(seen)["outside"]
+    assert of_a.count < comparison.outside[-1].of
+    assert comparison.outside[-1].variable == "any"
+    assert comparison.outside[-1].count >= max(o.count for o in comparison.outside)
+    assert sum(of_a.starts[1.0]) == comparison.coast_starts[1.0]
+    content = results_json.content(comparison)["outside"]
     assert (content[0]["variable"], content[0]["count"]) == ("a", of_a.count)
 
 
 def test_errors_inside_and_outside_add_up_to_the_whole():
     fitted = estimate(ac.Model.linear(), record(23, profile="bursts"))
-    seen = compare(fitted, record(24, profile="interleaved"))
-    for region in seen.outside:
+    comparison = compare(fitted, record(24, profile="interleaved"))
+    for region in comparison.outside:
         for horizon, (near, far) in region.coast.items():
             n, m = region.starts[horizon]
             total = (n * (near or 0.0) ** 2 + m * (far or 0.0) ** 2) / max(1, n + m)
-            assert np.sqrt(total) == pytest.approx(seen.coast_rms[horizon], rel=1e-9)
+            assert np.sqrt(total) == pytest.approx(comparison.coast_rms[horizon], rel=1e-9)
 
 
 def test_temperature_beyond_the_calibrated_range_is_counted():
@@ -213,8 +215,8 @@ def test_temperature_beyond_the_calibrated_range_is_counted():
         return dataclasses.replace(recording, side={"temperature": Channel("temperature", t, y, "degC")})
 
     fitted = estimate(ac.Model.linear(), at(cold, 20.0, 25.0))
-    seen = compare(fitted, at(warm, 22.0, 28.0))
-    region = next(o for o in seen.outside if o.variable == "temperature")
+    comparison = compare(fitted, at(warm, 22.0, 28.0))
+    region = next(o for o in comparison.outside if o.variable == "temperature")
     assert region.range == pytest.approx((20.0, 25.0), abs=0.01)
     assert region.count == pytest.approx(0.5 * region.of, rel=0.05)  # half of the ramp lies above 25 degC
     assert compare(fitted, at(warm, 20.5, 24.5)).outside[-2].count == 0

@@ -39,34 +39,34 @@ def nonlinear():
 
 
 def test_the_error_falls_to_the_floor_and_nothing_is_left(nonlinear):
-    found = improve(nonlinear[0], holdout=nonlinear[1])
-    assert found.effects == ("quadratic",)
-    assert found.diagnosis.verdict == "adequate"
-    before, after = (step.heldout for step in found.steps)
+    improvement = improve(nonlinear[0], holdout=nonlinear[1])
+    assert improvement.effects == ("quadratic",)
+    assert improvement.diagnosis.verdict == "adequate"
+    before, after = (step.heldout for step in improvement.steps)
     assert after.coast_rms[10.0] < 0.5 * before.coast_rms[10.0]
     assert after.coast_rms[10.0] < 2.0 * after.coast_floor[10.0]
 
 
 def test_nothing_is_added_where_nothing_is_missing(plain):
     # Family-wise 0.5 % per record; the worlds measure that rate.
-    found = improve(plain[0])
-    assert found.effects == ()
-    assert found.diagnosis.verdict == "adequate"
-    assert found.same_run
-    assert found.diagnosis.scan.examined > 100
-    assert found.diagnosis.scan.detection_limits["cubic"] > 0.0
+    improvement = improve(plain[0])
+    assert improvement.effects == ()
+    assert improvement.diagnosis.verdict == "adequate"
+    assert improvement.same_run
+    assert improvement.diagnosis.scan.examined > 100
+    assert improvement.diagnosis.scan.detection_limits["cubic"] > 0.0
 
 
 def test_a_fit_is_resumed_as_it_ended():
     run = dataclasses.replace(record(6, cubic=1e-3), digest="six")
-    found = estimate(ac.Model.cubic(), run)
-    left, resumed = solve_runs(found.model, [run]).states[0], restored_states(found, [run])[0]
+    fit = estimate(ac.Model.cubic(), run)
+    left, resumed = solve_runs(fit.model, [run]).states[0], restored_states(fit, [run])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
-    again, before = (normal_equations(state, found.model.free) for state in (resumed, left))
+    again, before = (normal_equations(state, fit.model.free) for state in (resumed, left))
     assert np.allclose(again.gram, before.gram, rtol=1e-4)
     assert resumed.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
-    assert restored_states(found, [dataclasses.replace(run, digest="seven")]) is None
-    assert restored_states(found, [run.part(0.0, 20.0)]) is None
+    assert restored_states(fit, [dataclasses.replace(run, digest="seven")]) is None
+    assert restored_states(fit, [run.part(0.0, 20.0)]) is None
 
 
 def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
@@ -74,13 +74,16 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     spoiled = clean.accel.y.copy()
     spoiled[5_000:60_000:5_000] += 3.0
     run = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
-    every, kept = ac.fit(run, reject_outliers=False), ac.fit(run)
-    assert every.noise().q > 2.0 * kept.noise().q
-    assert kept.remarks[0].sentence == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers"
-    grown, truth = add(kept, run, "cubic"), add(verbs.fit(clean), clean, "cubic")
-    assert grown.remarks[0] == kept.remarks[0]
+    every, remaining = ac.fit(run, reject_outliers=False), ac.fit(run)
+    assert every.noise().q > 2.0 * remaining.noise().q
+    assert (
+        remaining.remarks[0].sentence
+        == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers"
+    )
+    grown, truth = add(remaining, run, "cubic"), add(verbs.fit(clean), clean, "cubic")
+    assert grown.remarks[0] == remaining.remarks[0]
     assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)
-    assert not any(one.code == "outliers_rejected" for one in truth.remarks)
+    assert not any(remark.code == "outliers_rejected" for remark in truth.remarks)
 
 
 def test_a_fit_of_a_record_without_outliers_is_that_of_all_readings():
@@ -92,11 +95,11 @@ def test_a_fit_of_a_record_without_outliers_is_that_of_all_readings():
 
 
 def test_a_delay_beyond_its_tolerance_is_named_first():
-    found = improve(record(4, time_offset=2e-4), holdout=record(5, time_offset=2e-4))
-    assert found.effects == ("time_offset",)
-    assert [step.effects for step in found.steps] == [(), ("time_offset",)]
-    assert set(found.classes[0].members) == {"time_offset", "sensor_lag", "sensor_resonance", "encoder_lag"}
-    first, second = (step.heldout for step in found.steps)
+    improvement = improve(record(4, time_offset=2e-4), holdout=record(5, time_offset=2e-4))
+    assert improvement.effects == ("time_offset",)
+    assert [step.effects for step in improvement.steps] == [(), ("time_offset",)]
+    assert set(improvement.classes[0].members) == {"time_offset", "sensor_lag", "sensor_resonance", "encoder_lag"}
+    first, second = (step.heldout for step in improvement.steps)
     assert second.one_step_rms < first.one_step_rms
 
 
@@ -119,13 +122,13 @@ def test_coasting_with_any_effect_never_looks_at_position(plain, effect):
     y = recording.position.y.copy()
     y[late] = noise
     blind = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    seen, unseen = (ac.verbs.coast(grown, run, start, 5.0) for run in (recording, blind))
-    np.testing.assert_array_equal(seen.frozen, unseen.frozen)
-    np.testing.assert_array_equal(seen.rezeroed, unseen.rezeroed)
+    along, unseen = (ac.verbs.coast(grown, run, start, 5.0) for run in (recording, blind))
+    np.testing.assert_array_equal(along.frozen, unseen.frozen)
+    np.testing.assert_array_equal(along.rezeroed, unseen.rezeroed)
     # The sister: noise before the start does change the prediction.
     y = recording.position.y + 1e-5 * np.random.default_rng(1).standard_normal(len(recording.position))
     other = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    assert np.any(ac.verbs.coast(grown, other, start, 5.0).frozen != seen.frozen)
+    assert np.any(ac.verbs.coast(grown, other, start, 5.0).frozen != along.frozen)
 
 
 def test_what_is_added_can_be_dropped(plain):
@@ -138,11 +141,11 @@ def test_what_is_added_can_be_dropped(plain):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [("cubik", "did you mean cubic"), ("temperature_bias", "needs the channel temperature"), ("bias", "already in")],
 )
-def test_what_cannot_be_added_is_said(plain, name, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_cannot_be_added_is_said(plain, name, message):
+    with pytest.raises(ValueError, match=message):
         add(plain[1], plain[0], name)
 
 
@@ -215,23 +218,23 @@ def my_quintic(s):
 
 def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
     recording, other = record(8, motion="fast"), record(9, motion="fast")
-    for name, made in (("run.csv", recording), ("other.csv", other)):
-        inside = (made.accel.y - TRUTH["bias"]) / (1.0 + TRUTH["scale_factor"])
-        y = made.accel.y + 2e-7 * inside**5  # the low-pass changes a⁵ of a slow motion by a few percent only
-        write_recording(dataclasses.replace(made, accel=dataclasses.replace(made.accel, y=y)), tmp_path / name)
+    for name, data in (("run.csv", recording), ("other.csv", other)):
+        inside = (data.accel.y - TRUTH["bias"]) / (1.0 + TRUTH["scale_factor"])
+        y = data.accel.y + 2e-7 * inside**5  # the low-pass changes a⁵ of a slow motion by a few percent only
+        write_recording(dataclasses.replace(data, accel=dataclasses.replace(data.accel, y=y)), tmp_path / name)
     (tmp_path / "mine.py").write_text(EFFECTS_FILE, encoding="utf-8")
 
     accelcal = partial(commands.accelcal, cwd=tmp_path)
 
-    own = ("--effects-file", "mine.py")
+    option = ("--effects-file", "mine.py")
     assert accelcal("fit", "run.csv", "-o", "m.json").returncode == 0
-    diagnosed = accelcal("diagnose", "m.json", "run.csv", "--json", *own)
+    diagnosed = accelcal("diagnose", "m.json", "run.csv", "--json", *option)
     assert diagnosed.returncode == 0, diagnosed.stderr
     assert json.loads(diagnosed.stdout)["scan"]["candidates"][0]["effect"] == "my_quintic"
-    added = accelcal("add", "m.json", "run.csv", "--effect", "my_quintic", "-o", "m2.json", *own)
+    added = accelcal("add", "m.json", "run.csv", "--effect", "my_quintic", "-o", "m2.json", *option)
     assert added.returncode == 0, added.stderr
-    compared = accelcal("compare", "m.json", "m2.json", "other.csv", "--json", *own)
-    before, after = (seen["coast_rms"]["10.0"] for seen in json.loads(compared.stdout)["seen"][0])
+    compared = accelcal("compare", "m.json", "m2.json", "other.csv", "--json", *option)
+    before, after = (evaluation["coast_rms"]["10.0"] for evaluation in json.loads(compared.stdout)["evaluations"][0])
     assert after < before
     lost = accelcal("compare", "m2.json", "other.csv")
     assert lost.returncode == 3

@@ -87,5 +87,5 @@ def test_a_fit_and_a_diagnosis_ask_for_it():
     fit = estimate(ac.Model.linear(), run)
     diagnose(fit, run, progress=lambda share: within.append(threads()))
     assert within
-    assert all(seen == {1} for seen in within)
+    assert all(counts == {1} for counts in within)
     assert threads() == {2}

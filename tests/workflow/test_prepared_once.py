@@ -32,9 +32,11 @@ def calls(verb: Callable[[], object]) -> int:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> ac.Recording:
-    made = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 1e-3}, rng=np.random.default_rng(1))
+    simulation = ac.simulate(
+        "tones", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 1e-3}, rng=np.random.default_rng(1)
+    )
     path = tmp_path_factory.mktemp("once") / "run.csv"
-    write_csv(made.recording, path)
+    write_csv(simulation.recording, path)
     return ac.load(path)
 
 

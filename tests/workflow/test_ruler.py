@@ -84,7 +84,7 @@ def test_too_few_stretches_give_no_standard_error(table):
     change = heldout_change(history[0], history[1])
     assert change is not None
     assert change.measure == "systematic error"
-    change = heldout_change(*(dataclasses.replace(seen, resolved=()) for seen in history[:2]))
+    change = heldout_change(*(dataclasses.replace(evaluation, resolved=()) for evaluation in history[:2]))
     assert change is not None
     assert change.measure == "drift after 1 s"
     assert change.sigma < -2.0
@@ -93,7 +93,8 @@ def test_too_few_stretches_give_no_standard_error(table):
 def test_a_last_step_that_is_worse_is_said_and_the_best_is_named(table):
     fits, _, (base, cubic) = table
     steps = [
-        Step(names, fit, seen, seen) for names, fit, seen in zip(((), ("cubic",)), fits, (base, cubic), strict=True)
+        Step(names, fit, evaluation, evaluation)
+        for names, fit, evaluation in zip(((), ("cubic",)), fits, (base, cubic), strict=True)
     ]
     assert heldout_rises(steps) == []
     # the same two models in the other order: the last step is the one that lacks the effect

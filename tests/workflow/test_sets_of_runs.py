@@ -17,37 +17,37 @@ def runs(
     seed: int, axes: tuple[str, ...], encoder_scale: float = 0.0, biases: tuple[float, ...] = ()
 ) -> list[Recording]:
     """Runs of one sensor whose encoder reads too much by a share of the travel."""
-    made = []
+    recordings = []
     for number, (axis, bias) in enumerate(zip(axes, biases or len(axes) * (0.05,), strict=True)):
         rng = np.random.default_rng([seed, number])
         rig, truth = replace(CXL02_RIG, axis=axis), {"bias": bias, "scale_factor": 0.01}
-        one = ac.simulate("tones", seconds=15.0, rig=rig, parameters=truth, rng=rng).recording
-        read = replace(one.position, y=one.position.y * (1.0 + encoder_scale))
-        made.append(replace(one, position=read, digest=f"{seed} {number}", name=f"{axis} {number}"))
-    return made
+        recording = ac.simulate("tones", seconds=15.0, rig=rig, parameters=truth, rng=rng).recording
+        read = replace(recording.position, y=recording.position.y * (1.0 + encoder_scale))
+        recordings.append(replace(recording, position=read, digest=f"{seed} {number}", name=f"{axis} {number}"))
+    return recordings
 
 
 def test_an_encoder_scale_that_three_runs_show_is_not_held_out() -> None:
-    found = ac.improve(runs(3401, THREE, 5e-4))
-    assert found.same_run
-    assert found.verdict == "tied"
-    assert found.sentence.startswith("The runs differ as encoder_scale of 0.0005")
-    assert found.diagnosis.classes[0].members == ("encoder_scale", "bias")
+    improvement = ac.improve(runs(3401, THREE, 5e-4))
+    assert improvement.same_run
+    assert improvement.verdict == "tied"
+    assert improvement.sentence.startswith("The runs differ as encoder_scale of 0.0005")
+    assert improvement.diagnosis.classes[0].members == ("encoder_scale", "bias")
 
 
 def test_three_runs_without_one_lack_nothing() -> None:
     """False-alarm rate: 1 % of sets by any of all candidates."""
-    found = ac.improve(runs(3402, THREE))
-    assert found.verdict == "adequate"
-    assert found.sentence.startswith("Nothing is missing")
+    improvement = ac.improve(runs(3402, THREE))
+    assert improvement.verdict == "adequate"
+    assert improvement.sentence.startswith("Nothing is missing")
 
 
 def test_the_verdict_is_on_the_run_that_is_held_out_too() -> None:
-    found = ac.improve(runs(3403, ("level",) * 3, biases=(0.05, 0.05, 0.052)))
-    assert not found.same_run
-    assert [run.name for run in found.best.runs] == ["level 0", "level 1"]
-    assert "bias differs from run to run" in found.sentence
-    assert "Nothing is missing" not in found.sentence
+    improvement = ac.improve(runs(3403, ("level",) * 3, biases=(0.05, 0.05, 0.052)))
+    assert not improvement.same_run
+    assert [run.name for run in improvement.best.runs] == ["level 0", "level 1"]
+    assert "bias differs from run to run" in improvement.sentence
+    assert "Nothing is missing" not in improvement.sentence
 
 
 def test_two_runs_that_differ_may_show_an_encoder_scale() -> None:

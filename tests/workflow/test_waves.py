@@ -65,7 +65,7 @@ def test_of_a_wave_and_an_effect_the_one_that_explains_more_is_named_first():
     first = {c: ac.diagnose(ac.fit(recording), recording) for c, recording in bent.items()}
     assert first[0.03].effects[0] == "encoder_cyclic"
     assert first[0.03].sentence.startswith("The encoder errs by 590 nm with a period of 20 µm")
-    assert len(first[0.03].scan.found) > 0
+    assert len(first[0.03].scan.detected) > 0
     assert first[0.3].effects[0] != "encoder_cyclic"
 
 
@@ -82,10 +82,10 @@ def test_the_strongest_line_enters_first_and_the_other_one_is_still_named(hum, t
     assert [test.parts["frequency"] for test in first.channels if test.shape] == pytest.approx(
         [f for _, f in LINES], abs=0.01
     )
-    one = ac.add(fit, run, "tone")
-    left = ac.diagnose(one, run)
+    wave = ac.add(fit, run, "tone")
+    left = ac.diagnose(wave, run)
     assert left.effects == ("tone_2",)  # the model's own line silences itself alone
-    both = ac.add(one, run, "tone_2")
+    both = ac.add(wave, run, "tone_2")
     for name, (amplitude, frequency) in zip(("tone", "tone_2"), LINES, strict=True):
         shape = next(e for e in both.shapes if e.name == f"{name}.frequency")
         value, std = size(both, name)
@@ -104,13 +104,13 @@ def test_improve_has_a_step_for_each_line_and_a_model_that_holds_both(hum):
     assert "frequency 50.02 Hz" in better.sentence
 
 
-@pytest.mark.parametrize(("sigma", "said"), [(1.5, True), (2.5, False)])
-def test_a_coefficient_below_two_standard_deviations_is_said(hum, sigma, said):
+@pytest.mark.parametrize(("sigma", "message"), [(1.5, True), (2.5, False)])
+def test_a_coefficient_below_two_standard_deviations_is_said(hum, sigma, message):
     run, _ = hum
     fit = ac.fit(run, ac.Model.linear().add("velocity"))
     estimates = [replace(e, value=sigma * e.std) if e.name == "velocity" else e for e in fit.estimates]
     notes = barely_shown(replace(fit, estimates=tuple(estimates)), ["velocity"])
-    assert [f"{sigma} standard deviations from zero" in note.sentence for note in notes] == [True] * said
+    assert [f"{sigma} standard deviations from zero" in note.sentence for note in notes] == [True] * message
 
 
 def test_a_further_line_needs_the_first(hum):
@@ -121,8 +121,11 @@ def test_a_further_line_needs_the_first(hum):
 
 def pairs(fit: ac.Fit, name: str) -> list[tuple[float, float]]:
     """Amplitudes of the harmonics of a wave of a fit, and their standard deviations."""
-    own = [e for e in fit.estimates if e.name.startswith(f"{name}.")]
-    return [(float(np.hypot(a.value, b.value)), max(a.std, b.std)) for a, b in zip(own[::2], own[1::2], strict=True)]
+    own_effects = [e for e in fit.estimates if e.name.startswith(f"{name}.")]
+    return [
+        (float(np.hypot(a.value, b.value)), max(a.std, b.std))
+        for a, b in zip(own_effects[::2], own_effects[1::2], strict=True)
+    ]
 
 
 def scale(*amplitudes: float, period: float = POLES):
@@ -204,5 +207,5 @@ def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
 
 def test_harmonics_of_a_strong_cubic_are_not_named_as_lines() -> None:
     rng = np.random.default_rng(77)
-    made = ac.simulate("fast", seconds=60.0, rig=ADXL105_RIG, parameters={"cubic": 1e-3}, rng=rng)
-    assert ac.diagnose(ac.fit(made.recording), made.recording).effects == ("cubic",)
+    simulation = ac.simulate("fast", seconds=60.0, rig=ADXL105_RIG, parameters={"cubic": 1e-3}, rng=rng)
+    assert ac.diagnose(ac.fit(simulation.recording), simulation.recording).effects == ("cubic",)

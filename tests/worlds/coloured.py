@@ -63,8 +63,10 @@ def integrated_reference(record: Record, rng: np.random.Generator) -> Record:
     knee = float(np.exp(rng.uniform(np.log(0.5), np.log(5.0))))
     n, rate = len(record.position), ENCODER_RATE
     noise = float(rng.uniform(0.3, 1.0)) * record.noise
-    own = noise * np.sqrt(rate / 2) * rng.standard_normal(n) + power_law(n, rate, noise * np.sqrt(knee), 1.0, rng)
-    drift = np.cumsum(np.cumsum(own)) / rate**2
+    noise_of_reference = noise * np.sqrt(rate / 2) * rng.standard_normal(n) + power_law(
+        n, rate, noise * np.sqrt(knee), 1.0, rng
+    )
+    drift = np.cumsum(np.cumsum(noise_of_reference)) / rate**2
     t = np.linspace(-1.0, 1.0, n)
     drift -= np.polynomial.legendre.legval(t, np.polynomial.legendre.legfit(t, drift, 4))
     passing = butter(2, 0.1, "highpass", fs=rate, output="sos")
@@ -74,9 +76,9 @@ def integrated_reference(record: Record, rng: np.random.Generator) -> Record:
 def smoothed_reference(record: Record, rng: np.random.Generator) -> Record:
     """A reference that was low-passed afterwards, forwards and backwards, at 25 to 60 Hz."""
     passing = butter(2, float(rng.uniform(25.0, 60.0)), fs=ENCODER_RATE, output="sos")
-    known = np.isfinite(record.position)
-    filled = np.interp(record.t_position, record.t_position[known], record.position[known])
-    return replace(record, position=np.where(known, sosfiltfilt(passing, filled), np.nan))
+    read = np.isfinite(record.position)
+    filled = np.interp(record.t_position, record.t_position[read], record.position[read])
+    return replace(record, position=np.where(read, sosfiltfilt(passing, filled), np.nan))
 
 
 COLOURED: dict[str, Callable[[Record, np.random.Generator], Record]] = {

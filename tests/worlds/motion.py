@@ -63,11 +63,11 @@ def curve(samples: Array, seconds: float, derivatives: int) -> list[Array]:
     intervals = len(grid(seconds)) // _PER_KNOT
     coefficients = pieces.c[::-1, first : first + intervals]
     powers = np.vander(np.arange(_PER_KNOT) * STEP, 8, increasing=True)
-    found = []
+    results = []
     for _ in range(derivatives):
-        found.append((coefficients.T @ powers[:, : len(coefficients)].T).ravel())
+        results.append((coefficients.T @ powers[:, : len(coefficients)].T).ravel())
         coefficients = coefficients[1:] * np.arange(1, len(coefficients))[:, None]
-    return found
+    return results
 
 
 def band_noise(knots: Array, low: float, high: float, rng: np.random.Generator, slope: float = 0.0) -> Array:

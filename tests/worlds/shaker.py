@@ -117,5 +117,5 @@ def published_sensor() -> tuple[SecondOrder, Array]:
         error = SecondOrder(*theta).response(f) - value
         return np.concatenate([error.real, error.imag])
 
-    found = least_squares(apart, [1.0, 40.0, 0.7, 0.009], x_scale=[1.0, 40.0, 1.0, 0.01])
-    return SecondOrder(*map(float, found.x)), np.hypot(found.fun[:4], found.fun[4:])
+    result = least_squares(apart, [1.0, 40.0, 0.7, 0.009], x_scale=[1.0, 40.0, 1.0, 0.01])
+    return SecondOrder(*map(float, result.x)), np.hypot(result.fun[:4], result.fun[4:])

@@ -69,7 +69,7 @@ def at_d(world: World, d: float, index: int = -1, base: Sequence[str] | None = N
     """
     if world.hidden[index].effect.kind == "invisible":
         raise ValueError(f"{world.hidden[index].name} hides in the base on a level rig; it has no d")
-    known: list[tuple[float, float]] = []
+    tried: list[tuple[float, float]] = []
     magnitude = world.hidden[index].magnitude
     for _ in range(40):
         reached = np.sqrt(max(d2(_with(world, index, magnitude), base, index), 0.0))
@@ -77,18 +77,18 @@ def at_d(world: World, d: float, index: int = -1, base: Sequence[str] | None = N
             return _with(world, index, magnitude)
         if not np.isfinite(reached) or reached < 1e-6 * d:
             raise ValueError(f"{world.hidden[index].name} leaves no trace on {world.motion}: d = {reached:.2g}")
-        known.append((np.log(abs(magnitude)), np.log(reached)))
-        magnitude = np.copysign(np.exp(_next(known, np.log(d))), magnitude)
+        tried.append((np.log(abs(magnitude)), np.log(reached)))
+        magnitude = np.copysign(np.exp(_next(tried, np.log(d))), magnitude)
     raise ValueError(f"{world.hidden[index].name} on {world.motion} does not reach d = {d}: last {reached:.3g}")
 
 
-def _next(known: list[tuple[float, float]], goal: float) -> float:
+def _next(tried: list[tuple[float, float]], goal: float) -> float:
     """Return the next log-magnitude: a secant in logarithms, kept inside the bracket once there is one."""
-    below = [x for x, y in known if y < goal]
-    above = [x for x, y in known if y > goal]
-    (x, y), slope = known[-1], 1.0
-    if len(known) > 1 and known[-2][0] != x:
-        slope = float(np.clip((y - known[-2][1]) / (x - known[-2][0]), 0.3, 4.0))
+    below = [x for x, y in tried if y < goal]
+    above = [x for x, y in tried if y > goal]
+    (x, y), slope = tried[-1], 1.0
+    if len(tried) > 1 and tried[-2][0] != x:
+        slope = float(np.clip((y - tried[-2][1]) / (x - tried[-2][0]), 0.3, 4.0))
     guess = x + (goal - y) / slope
     if below and above and not max(below) < guess < min(above):
         return 0.5 * (max(below) + min(above))
@@ -156,8 +156,8 @@ def _encoder_times(world: World) -> Array:
 
 def _base(world: World, chain: Chain, base: Sequence[str]) -> list[Array]:
     truth = chain.scene
-    known = {"1": np.ones_like(truth.t), "a": truth.a, "jerk": truth.jerk}
-    return [_seen(world, chain, known[name]) for name in base]
+    columns = {"1": np.ones_like(truth.t), "a": truth.a, "jerk": truth.jerk}
+    return [_seen(world, chain, columns[name]) for name in base]
 
 
 def _project(white: Array, rank: int) -> Array:
@@ -194,7 +194,7 @@ def _random_process(world: World, hidden: Hidden, chain: Chain, index: int, base
     t = _encoder_times(world)
     w = np.pi * j / world.seconds
     if "acceleration" in hidden.effect.explains:
-        waves = [_seen(world, chain, np.cos(each * chain.scene.t) * chain.scene.a) for each in w]
+        waves = [_seen(world, chain, np.cos(item * chain.scene.t) * chain.scene.a) for item in w]
     else:
         waves = list((np.cos(np.outer(t, w)) / w**2).T)
     columns = [*_base(world, chain, base), *waves]

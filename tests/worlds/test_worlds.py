@@ -86,10 +86,10 @@ def test_every_effect_can_be_set_to_a_strength_unless_it_hides_in_the_base(name:
 def test_position_is_the_double_integral_of_acceleration(name: str) -> None:
     m = move(name, 4, 60.0)
     begin = 10  # the outermost step of the quadrature is a trapezoid
-    found = double_integral(m.a[begin:]) + m.p[begin] + m.v[begin] * (m.t[begin:] - m.t[begin])
-    line = np.polynomial.Polynomial.fit(m.t[begin:], found - m.p[begin:], 1)  # what that first trapezoid leaves
+    result = double_integral(m.a[begin:]) + m.p[begin] + m.v[begin] * (m.t[begin:] - m.t[begin])
+    line = np.polynomial.Polynomial.fit(m.t[begin:], result - m.p[begin:], 1)  # what that first trapezoid leaves
     # steps of 0.1 ms: (w h)^4 = 1e-6 of the finest motion, whose amplitude is below 0.1 mm
-    np.testing.assert_allclose(found - line(m.t[begin:]), m.p[begin:], atol=2e-10)
+    np.testing.assert_allclose(result - line(m.t[begin:]), m.p[begin:], atol=2e-10)
     np.testing.assert_allclose(np.gradient(m.a, STEP)[5:-5], m.jerk[5:-5], atol=2e-3 * float(np.std(m.jerk)))
 
 
@@ -145,26 +145,26 @@ def test_a_settled_world_repeats_its_record_and_keeps_its_parameters_on_another_
 def test_low_pass_has_gain_and_phase_of_an_rc(f: float) -> None:
     t = np.arange(40_000.0) * STEP
     tau = 1e-3
-    found = amplitude(lag(np.cos(2 * np.pi * f * t), tau)[10_000:], t[10_000:], f)
+    result = amplitude(lag(np.cos(2 * np.pi * f * t), tau)[10_000:], t[10_000:], f)
     # cubic input: error (w h)^4/30 of the finest tone
-    assert found == pytest.approx(1 / (1 + 2j * np.pi * f * tau), abs=2e-5)
+    assert result == pytest.approx(1 / (1 + 2j * np.pi * f * tau), abs=2e-5)
 
 
 @pytest.mark.parametrize("f", [2.0, 20.0, 300.0, 400.0])
 def test_resonance_has_amplitude_and_phase_of_mass_on_spring(f: float) -> None:
     t = np.arange(60_000.0) * STEP
     f0, quality = 300.0, 5.0
-    found = amplitude(resonate(np.cos(2 * np.pi * f * t), f0, quality)[30_000:], t[30_000:], f)
+    result = amplitude(resonate(np.cos(2 * np.pi * f * t), f0, quality)[30_000:], t[30_000:], f)
     ratio = f / f0
     expected = 1 / (1 - ratio**2 + 1j * ratio / quality)
-    assert abs(found - expected) < 1e-3 * abs(expected)  # (w h)^4/30 at 400 Hz
+    assert abs(result - expected) < 1e-3 * abs(expected)  # (w h)^4/30 at 400 Hz
 
 
 def test_resonance_is_a_delay_of_its_magnitude_at_low_frequency() -> None:
-    found = pass_through(with_effect("sensor_resonance", 2e-5, quality=5.0)).contributions[0].output
+    output = pass_through(with_effect("sensor_resonance", 2e-5, quality=5.0)).contributions[0].output
     truth = pass_through(SHORT).scene
     inner = slice(5000, -5000)
-    slope = np.dot(found[inner], truth.jerk[inner]) / np.dot(truth.jerk[inner], truth.jerk[inner])  # type: ignore[index]
+    slope = np.dot(output[inner], truth.jerk[inner]) / np.dot(truth.jerk[inner], truth.jerk[inner])  # type: ignore[index]
     scale = 1 + pass_through(SHORT).scale_factor
     assert slope == pytest.approx(-2e-5 * scale, rel=2e-2)  # next order (w/w0)^2 Q^2
 
@@ -200,8 +200,8 @@ def test_clock_skew_stretches_the_stamps() -> None:
     plain, skewed = pass_through(SHORT), pass_through(with_effect("clock_skew", 1e-3))
     t = np.linspace(1.0, 11.0, 999)
     begin = plain.scene.t[0]
-    found = interpolate(begin, skewed.output, 1.001 * t)
-    np.testing.assert_allclose(found, interpolate(begin, plain.output, t), atol=1e-6)  # two cubic interpolations
+    result = interpolate(begin, skewed.output, 1.001 * t)
+    np.testing.assert_allclose(result, interpolate(begin, plain.output, t), atol=1e-6)  # two cubic interpolations
 
 
 def test_positive_time_offset_makes_the_accelerometer_late() -> None:
@@ -228,9 +228,9 @@ def test_saturation_stops_at_its_level() -> None:
 
 def test_rectified_vibration_has_the_mean_of_its_square() -> None:
     chain = pass_through(with_effect("vibration_rectification", 0.02, amplitude=2.0))
-    truth, found = chain.scene, chain.contributions[0].output
+    truth, result = chain.scene, chain.contributions[0].output
     half_square = (2.0 * (truth.v / np.max(np.abs(truth.v))) ** 2) ** 2 / 2
-    assert np.mean(found) == pytest.approx(0.02 * np.mean(half_square), rel=0.01)  # type: ignore[arg-type]
+    assert np.mean(result) == pytest.approx(0.02 * np.mean(half_square), rel=0.01)  # type: ignore[arg-type]
 
 
 def test_readings_lie_on_the_codes_of_converter_and_encoder() -> None:
@@ -283,12 +283,12 @@ def dense_d2(world: World) -> float:
     root = np.linalg.cholesky(covariance)
     begin = chain.scene.t[0]
 
-    def seen(output: Array) -> Array:
+    def through(output: Array) -> Array:
         return interpolate(begin, -double_integral(output), t)
 
     truth, output = chain.scene, chain.contributions[0].output
-    base = np.column_stack([np.ones_like(t), t, *map(seen, (np.ones_like(truth.t), truth.a, truth.jerk))])
-    column = encoder_error(world, chain, 0, t) if output is None else seen(output)
+    base = np.column_stack([np.ones_like(t), t, *map(through, (np.ones_like(truth.t), truth.a, truth.jerk))])
+    column = encoder_error(world, chain, 0, t) if output is None else through(output)
     white_base = np.linalg.solve(root, base / np.linalg.norm(base, axis=0))
     white = np.linalg.solve(root, column)
     return float(np.sum((white - white_base @ np.linalg.lstsq(white_base, white, rcond=None)[0]) ** 2))
@@ -345,13 +345,13 @@ def fitted(record: Record, q_factor: float = 1.0) -> tuple[float, float, int]:
     chain, begin = record.chain, record.truth.t[0]
     truth = record.truth
 
-    def seen(output: Array) -> Array:
+    def through(output: Array) -> Array:
         return interpolate(begin, -double_integral(output), t)
 
     scale = 1 / (1 + chain.scale_factor)
     output = chain.contributions[0].output
-    contribution = encoder_error(world, chain, 0, t) if output is None else scale * seen(output)
-    base = [seen(np.ones_like(truth.t)), seen(truth.a), seen(truth.jerk)]
+    contribution = encoder_error(world, chain, 0, t) if output is None else scale * through(output)
+    base = [through(np.ones_like(truth.t)), through(truth.a), through(truth.jerk)]
     y = z - scale * (twice(t) + tau * once(t))
     q = SENSORS[world.sensor].noise ** 2 / 2 * scale**2 * q_factor
     white = whiten(np.column_stack((*base, contribution, y)), q, encoder_variance(world), 1 / ENCODER_RATE)[400:]

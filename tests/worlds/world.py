@@ -197,7 +197,7 @@ def pass_through(world: World) -> Chain:
     gravity = -G0 if world.mount == "rolled" else G0
     shapes = [h.effect.draw(truth, stream(world._unit, 7, j, 0)) | dict(h.shape) for j, h in enumerate(world.hidden)]
     shapes = [shape | {"gravity": gravity} if "gravity" in shape else shape for shape in shapes]
-    found: list[Contribution] = [Contribution(None, None)] * len(world.hidden)
+    results: list[Contribution] = [Contribution(None, None)] * len(world.hidden)
 
     def added(place: str, signal: Array, factor: float = 1.0, parallel: bool = False) -> Array:
         """Return the signal after the effects of one place; parallel ones all see the signal that entered."""
@@ -207,7 +207,7 @@ def pass_through(world: World) -> Chain:
                 continue
             rng = _effect_stream(world, j)
             grown = hidden.effect.add(truth, signal if parallel else result, hidden.magnitude, shapes[j], rng)
-            found[j] = (
+            results[j] = (
                 Contribution(None, grown) if place in ("scale", "encoder") else Contribution(factor * grown, None)
             )
             result = result + grown
@@ -224,7 +224,7 @@ def pass_through(world: World) -> Chain:
     encoder = added("scale", truth.p, parallel=True) + added("encoder", truth.p, parallel=True) - truth.p
     if any(h.name == "saturation" for h in world.hidden):
         _fix_levels(world, shapes, output)
-    return Chain(truth, output, encoder, tuple(found), tuple(shapes), bias, k)
+    return Chain(truth, output, encoder, tuple(results), tuple(shapes), bias, k)
 
 
 def _effect_stream(world: World, index: int) -> np.random.Generator:
@@ -389,8 +389,8 @@ def encoder_error(world: World, chain: Chain, index: int, at: Array) -> Array:
         p = interpolate(begin, chain.scene.p, at)
         rng = _effect_stream(world, index)
         return hidden.effect.add(chain.scene, p, hidden.magnitude, chain.shapes[index], rng)
-    found = chain.contributions[index].encoder
-    return np.zeros_like(at) if found is None else interpolate(begin, found, at)
+    encoder = chain.contributions[index].encoder
+    return np.zeros_like(at) if encoder is None else interpolate(begin, encoder, at)
 
 
 def _read_encoder(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Array, Array]:

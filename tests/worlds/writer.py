@@ -41,7 +41,10 @@ def write(
 
 def _cells(y: Array, digits: int) -> list[str]:
     missing = np.isnan(y)
-    return ["" if gone else f"{x:.{digits}g}" for x, gone in zip((y + 0.0).tolist(), missing.tolist(), strict=True)]
+    return [
+        "" if missing_here else f"{x:.{digits}g}"
+        for x, missing_here in zip((y + 0.0).tolist(), missing.tolist(), strict=True)
+    ]
 
 
 def _sidecar(channels: Channels, extra: Mapping[str, str], tables: Mapping[str, Mapping[str, str]]) -> str:

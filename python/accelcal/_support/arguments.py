@@ -72,7 +72,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
                     raise error_of(hint, item)(refusal(function.__qualname__, order(signature), label, hint, item))
             if name in RANGES and not RANGES[name][1](value):
                 owner = f"{function.__qualname__}({order(signature)})"
-                raise AccelcalError(f"{owner}: {name} is {found(value)}; expected {RANGES[name][0]}")
+                raise AccelcalError(f"{owner}: {name} is {kind_of(value)}; expected {RANGES[name][0]}")
         return function(*args, **kwargs)
 
     return call
@@ -164,7 +164,7 @@ def order(signature: inspect.Signature) -> str:
 
 def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
     """The sentence on one wrong argument."""
-    text = f"{owner}({names}): {name} is {found(value)}; expected {expected(hint)}"
+    text = f"{owner}({names}): {name} is {kind_of(value)}; expected {expected(hint)}"
     if callable(value) and "str" in classes(hint):
         return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
     effect = getattr(value, "effect", value)  # of a formula
@@ -175,7 +175,7 @@ def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
     return ". ".join([text, *[HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO][:1]])
 
 
-def found(value: object) -> str:
+def kind_of(value: object) -> str:
     """What a value is, in words."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
@@ -187,7 +187,7 @@ def found(value: object) -> str:
     if inspect.isroutine(value):
         return "a function"
     if isinstance(value, list | tuple) and value:
-        return f"a {type(value).__name__} with {found(value[0])}"
+        return f"a {type(value).__name__} with {kind_of(value[0])}"
     if isinstance(value, Mapping) and value:
         kinds = (" and ".join(dict.fromkeys(type(x).__name__ for x in xs)) for xs in (value, value.values()))
         return f"a {type(value).__name__} of {' to '.join(kinds)}"

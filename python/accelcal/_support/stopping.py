@@ -207,7 +207,7 @@ SIGPIPE: int = getattr(signal, "SIGPIPE", 13)
 
 def _report_end(number: int) -> int:
     """Say why the command ends, to whoever still reads; return the exit code."""
-    words = next((said for name, said in SIGNALS.items() if getattr(signal, name) == number), "")
+    words = next((word for name, word in SIGNALS.items() if getattr(signal, name) == number), "")
     try:
         if words and sys.stderr is not None:
             print(f"accelcal: {words}", file=sys.stderr)

@@ -128,9 +128,9 @@ class Page(widgets.Frame):
 
     async def ask(self) -> None:
         """Diagnose the current model, unless an error message is waiting to be read."""
-        said, self.asking = self.asking, not self.bench.sentence
+        before, self.asking = self.asking, not self.bench.sentence
         if self.asking:
-            if not said:  # the screen says so
+            if not before:  # the screen says so
                 self.rebuild()
             await self.act(self.bench.diagnose)
         self.asking = False

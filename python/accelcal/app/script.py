@@ -68,7 +68,7 @@ class Named:
 
 def in_use(state: State) -> list[Run]:
     """Files that are fitted or held out, in their order."""
-    return [run for run in state.runs if run.known is not None and run.role != "leave out"]
+    return [run for run in state.runs if run.source is not None and run.role != "leave out"]
 
 
 def loading(run: Run, name: str, named: Named) -> list[str]:
@@ -136,9 +136,9 @@ def comparing() -> list[str]:
     return [
         "comparison = ac.compare(models, unseen)",
         "print(comparison)",
-        "for seen in comparison.seen:",
-        "    for m, one in zip(models, seen):",
-        "        print(m.model.added, one.coast_rms, one.simulated_rms)",
+        "for evaluations in comparison.evaluations:",
+        "    for fit, evaluation in zip(models, evaluations):",
+        "        print(fit.model.added, evaluation.coast_rms, evaluation.simulated_rms)",
     ]
 
 

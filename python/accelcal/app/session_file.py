@@ -31,7 +31,7 @@ from accelcal.app.state import (
     SCHEMA,
     Content,
     Formula,
-    Known,
+    SessionEffects,
     Source,
     State,
     StoredRun,
@@ -61,7 +61,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
     """
     if state.recording is None:
         raise SessionError("load a recording first; a session without one is empty")
-    stored = [run for run in state.runs if run.known is not None]
+    stored = [run for run in state.runs if run.source is not None]
     content = Content(
         schema=SCHEMA,
         version=_core.__version__,
@@ -92,7 +92,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
         guests=[guest.name for guest in state.guests],
     )
     packed = BytesIO()
-    with Known.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+    with SessionEffects.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         # older versions read a session without guests
         archive.writestr(
             CONTENT, content.model_dump_json(by_alias=True, indent=2, exclude=None if content.guests else {"guests"})

@@ -38,7 +38,7 @@ class Session:
     """A workbench and the pages that show it."""
 
     bench: Workbench
-    seen: float = field(default_factory=time.monotonic)
+    last_used: float = field(default_factory=time.monotonic)
     """When a page last showed it, on the monotonic clock, s."""
     pages: list[Callable[[], bool]] = field(default_factory=list)
     """For each page, whether it is still connected."""
@@ -48,14 +48,14 @@ class Session:
         """Whether a page shows it or something is under way."""
         self.pages = [connected for connected in self.pages if connected()]
         if self.pages or self.bench.job is not None:
-            self.seen = time.monotonic()
+            self.last_used = time.monotonic()
             return True
         return False
 
     @property
     def can_go(self) -> bool:
         """Whether it may make room: nobody looks at it, and either it is empty or nobody has looked for long."""
-        return not self.in_use and (self.bench.state.file is None or time.monotonic() - self.seen > IDLE)
+        return not self.in_use and (self.bench.state.file is None or time.monotonic() - self.last_used > IDLE)
 
 
 class Workbenches:
@@ -103,7 +103,7 @@ class Workbenches:
         """Note a page that shows a workbench; `connected` tells for how long."""
         if name in self._kept:
             self._kept[name].pages.append(connected)
-            self._kept[name].seen = time.monotonic()
+            self._kept[name].last_used = time.monotonic()
 
     def _make_room(self) -> None:
         if len(self._kept) < MOST:

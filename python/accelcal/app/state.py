@@ -279,14 +279,14 @@ class Run:
         return tuple(replace(self, recording=output, axes=()) for output in self.axes) or (self,)
 
     @property
-    def known(self) -> Recording | Dwells | None:
+    def source(self) -> Recording | Dwells | None:
         """What was read; None where the columns are not understood."""
         return self.recording if self.recording is not None else self.dwells
 
     @property
     def digest(self) -> str:
         """SHA-256 of the file, hex; empty where it is not understood."""
-        return self.known.digest if self.known is not None else ""
+        return self.source.digest if self.source is not None else ""
 
     @property
     def data(self) -> Recording:
@@ -297,7 +297,7 @@ class Run:
     @property
     def train(self) -> Recording | Dwells | None:
         """What models are fitted to; None where they are not."""
-        if self.role != "fit" or self.known is None:
+        if self.role != "fit" or self.source is None:
             return None
         if self.dwells is not None:
             return self.dwells
@@ -499,7 +499,7 @@ class State:
     @property
     def fitted_files(self) -> tuple[Run, ...]:
         """Files that models are fitted to."""
-        return tuple(run for run in self.runs if run.role == "fit" and run.known is not None)
+        return tuple(run for run in self.runs if run.role == "fit" and run.source is not None)
 
     @property
     def train(self) -> tuple[Recording | Dwells, ...]:
@@ -633,7 +633,7 @@ def with_something_held_out(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class SessionEffects:
     """Effects of one session, as they are sent to a worker."""
 
     formulas: tuple[Formula, ...] = ()
@@ -642,7 +642,7 @@ class Known:
     """Side channels of its recordings, and their units."""
 
     @classmethod
-    def to(cls, state: State) -> Known:
+    def to(cls, state: State) -> SessionEffects:
         """Effects known to this session."""
         recordings = [run.recording for run in state.runs if run.recording is not None]
         units = dict(pair for recording in recordings for pair in units_of(recording))

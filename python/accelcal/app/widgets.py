@@ -63,9 +63,9 @@ def marked(run: Run) -> list[tuple[float, float, str]]:
 def data(run: Run, theme: ThemeName) -> Picture:
     """The recording with its marks, ready for brushing."""
     assert run.recording is not None
-    gone = run.marks.left_out[: timeline.MOST] if run.marks is not None else ()
-    names = [(*span, "" if k else timeline.LEFT_OUT) for k, span in enumerate(gone)]
-    figure = timeline.linked(run.recording.without(*gone, *run.excluded), marked=[*marked(run), *names])
+    lost = run.marks.left_out[: timeline.MOST] if run.marks is not None else ()
+    names = [(*span, "" if k else timeline.LEFT_OUT) for k, span in enumerate(lost)]
+    figure = timeline.linked(run.recording.without(*lost, *run.excluded), marked=[*marked(run), *names])
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
@@ -120,7 +120,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
     several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
     if several > 1:
-        for run, evaluations, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
+        for run, evaluations, marker in zip(state.unseen_runs, compared.evaluations, itertools.cycle(MARKERS)):
             errors = np.array([measure.error(evaluation) for evaluation in evaluations])
             marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
             top = max(top, 1.1 * float(np.max(errors)) * factor)

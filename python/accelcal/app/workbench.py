@@ -29,11 +29,11 @@ from accelcal.app.state import (
     Formula,
     Guest,
     Job,
-    Known,
     OpenedSession,
     Refused,
     Role,
     Run,
+    SessionEffects,
     State,
     Step,
     Stretch,
@@ -313,14 +313,14 @@ class Workbench:
     @action()
     def remove(self, state: State, progress: Report, number: int) -> State:
         """Remove a file."""
-        gone = state.runs[known_number(state, number)]
-        rest = tuple(run for run in state.runs if run is not gone)
+        removed = state.runs[known_number(state, number)]
+        rest = tuple(run for run in state.runs if run is not removed)
         if not any(run.recording is not None for run in rest):
             raise Refused("this is the only recording; load another one to begin anew")
-        if lent := next((run for run in rest if run.lender == gone.name and run.columns != gone.columns), None):
-            raise Refused(f"{lent.name} has the rig of {gone.name}; declare its own before that file is removed")
-        text = mapping.text_of(gone.file, gone.sidecar, gone.template)
-        rest = tuple(replace(run, lender="", sidecar=text) if run.lender == gone.name else run for run in rest)
+        if lent := next((run for run in rest if run.lender == removed.name and run.columns != removed.columns), None):
+            raise Refused(f"{lent.name} has the rig of {removed.name}; declare its own before that file is removed")
+        text = mapping.text_of(removed.file, removed.sidecar, removed.template)
+        rest = tuple(replace(run, lender="", sidecar=text) if run.lender == removed.name else run for run in rest)
         return self._divided(replace(state, shown=0), with_something_held_out(rest), progress)
 
     @action()
@@ -350,7 +350,7 @@ class Workbench:
         missing = opened.missing
         if missing is not None:
             return State(opened=replace(opened, awaited=missing))
-        with Known().catalogue():  # the work that it takes the place of leaves no effects behind
+        with SessionEffects().catalogue():  # the work that it takes the place of leaves no effects behind
             return self._read_again(opened, progress)
 
     def _read_again(self, opened: OpenedSession, progress: Report) -> State:
@@ -528,7 +528,9 @@ class Workbench:
         state: State | None = None,
     ) -> Result:
         """The result of long work on the data of a state, by default the present one."""
-        return self._compute(task, *args, progress=progress, memory=Known.to(self.state if state is None else state))
+        return self._compute(
+            task, *args, progress=progress, memory=SessionEffects.to(self.state if state is None else state)
+        )
 
     @action("entering {0}")
     def own_effect(
@@ -676,7 +678,7 @@ class Workbench:
         if opened.missing is None:
             other = self._resumed(opened, progress)
             return tuple(Guest(f"{path.stem}: {other.named(s)}", s.fit, s.heldout) for s in other.steps)
-        with Known().catalogue():
+        with SessionEffects().catalogue():
             fits = [(step, self._model(opened.models[step.key], step.key)) for step in opened.content.steps]
         return tuple(Guest(f"{path.stem}: {' '.join(('base', *fit.model.added))}", fit) for _, fit in fits)
 
@@ -751,7 +753,7 @@ class Workbench:
 
     def catalogue(self) -> AbstractContextManager[None]:
         """The catalogue of effects of this session as it is now; nobody else in the process sees it."""
-        return Known.to(self.state).catalogue()
+        return SessionEffects.to(self.state).catalogue()
 
     def cancel(self) -> None:
         """Cancel the running action and discard its result."""

@@ -30,7 +30,7 @@ from typing import Any, BinaryIO, Protocol, TypeVar, cast
 from accelcal._support import errors
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import OWN_GROUP, end, send
-from accelcal.app.state import Known
+from accelcal.app.state import SessionEffects
 
 SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
@@ -54,7 +54,7 @@ class Request:
     task: Callable[..., Any]
     """A function of `tasks.py`; it takes a keyword `report`."""
     args: tuple[Any, ...]
-    known: Known
+    effects: SessionEffects
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Answer:
 
     share: float = 1.0
     final: bool = False
-    found: Any = None
+    result: Any = None
     error: BaseException | None = None
     trace: str = ""
     """Where the error was raised, for the log."""
@@ -99,8 +99,8 @@ def _answer(request: Request, giving: BinaryIO) -> None:
         giving.flush()
 
     try:
-        with request.known.catalogue():
-            answer = Answer(final=True, found=request.task(*request.args, progress=report))
+        with request.effects.catalogue():
+            answer = Answer(final=True, result=request.task(*request.args, progress=report))
     except Exception as error:
         answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
     try:
@@ -166,11 +166,11 @@ class WorkerLost(AccelcalError, ChildProcessError):
 class Compute(Protocol):
     """How a workbench has long work done: in another process, or here."""
 
-    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
+    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: SessionEffects) -> Result:
         """Return ``task(*args, progress=progress)``."""
 
 
-def direct(task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
+def direct(task: Callable[..., Result], *args: Any, progress: Report, memory: SessionEffects) -> Result:
     """Do the work here."""
     with memory.catalogue():
         return task(*args, progress=progress)
@@ -193,7 +193,7 @@ class Workers:
         self._changed = threading.Condition()
         self._closed = False
 
-    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: Known) -> Result:
+    def __call__(self, task: Callable[..., Result], *args: Any, progress: Report, memory: SessionEffects) -> Result:
         """Have a task done by a free worker.
 
         Parameters
@@ -220,7 +220,7 @@ class Workers:
         if answer.error is not None:
             logging.getLogger(__name__).debug("%s", answer.trace)
             raise answer.error from errors.RemoteTraceback(answer.trace)
-        return cast("Result", answer.found)
+        return cast("Result", answer.result)
 
     def start_one(self) -> None:
         """Start the first worker, so that the first user does not wait for its imports."""

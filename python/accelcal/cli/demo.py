@@ -60,7 +60,7 @@ def demo(
     say_line(f"{paths[0]} and {paths[1]}: one rig, 60 s each; an effect may be hidden, answer in {output}/answer.json.")
     with progress("loop"):
         steps = loop(hidden=hidden)
-    evaluation = steps.comparison.seen[0][0]
+    evaluation = steps.comparison.evaluations[0][0]
 
     def verb(name: str, command: str, text: str) -> None:
         say_line(f"\n{name}  $ accelcal {command}")

@@ -95,7 +95,7 @@ def diagnose(
         return
     if comparison is not None:
         if isinstance(diagnosis, AxesDiagnosis):
-            pairs = zip(diagnosis.by_axis, comparison.seen, strict=False)
+            pairs = zip(diagnosis.by_axis, comparison.evaluations, strict=False)
             diagnosis = replace(diagnosis, by_axis=tuple(replace(alone, heldout=row[0]) for alone, row in pairs))
         else:
             diagnosis = replace(diagnosis, heldout=comparison[0])

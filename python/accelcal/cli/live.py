@@ -86,7 +86,7 @@ def fleet(
             batch=1,
             progress=lambda count, total: report(count / total),
         )
-    print_status(f"{done.computed} recordings fitted, {done.kept} found in {store}, {done.failed} refused")
+    print_status(f"{done.computed} recordings fitted, {done.stored} found in {store}, {done.failed} refused")
     result = summary.summarise(campaign.load(store))
     if output is not None:
         io.atomic_write(output, summary.html(result, output.parent))

@@ -43,8 +43,8 @@ def show(result: Result, *more: str) -> None:
 
 def show_comparison(comparison: Comparison) -> None:
     """Print the errors first, then the changes between models, or where a single one fails."""
-    fails = any(" between " in evaluation.worst for evaluations in comparison.seen for evaluation in evaluations)
-    split = any(evaluation.budget for evaluations in comparison.seen for evaluation in evaluations)
+    fails = any(" between " in evaluation.worst for evaluations in comparison.evaluations for evaluation in evaluations)
+    split = any(evaluation.budget for evaluations in comparison.evaluations for evaluation in evaluations)
     more = ["changes"] if len(comparison) > 1 else ["regions"] if fails else []
     show(comparison, *more, *(["budget"] if split else []))
 

@@ -97,7 +97,7 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     where none does no name is certain. No null: the limit is the declared bias instability, noise subtracted
     (tests/diagnosis/test_turning.py).
     """
-    model, scan, recording = e.model, e.scan.found, e.recording
+    model, scan, recording = e.model, e.scan.detected, e.recording
     if e.forbidden or not e.scan.enough or gravity_is_recorded(recording):
         return
     slow = SlowResidual.of(recording, e.where.accel_residual, e.where.band)
@@ -350,7 +350,7 @@ def transverse_coherence(e: Evidence) -> Iterator[Remark]:
     """
     if not e.scan.enough:
         return
-    explained = {name for effect in e.found for name in find(effect.effect).needs}
+    explained = {name for effect in e.detected for name in find(effect.effect).needs}
     t, residual = e.where.accel_residual
     channels = {
         name: c
@@ -513,7 +513,7 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     rig, delay = e.recording.rig, e.fit.values().time_offset
     slower = delay > find(LAG).shapes["tau"].span(e.signals)[1]  # than the search tries
     imposed, coloured = _filtered(e)
-    named = any(LAG in finding.members for finding in e.scan.found)
+    named = any(LAG in finding.members for finding in e.scan.detected)
     filtered = imposed or coloured if slower else imposed and not named
     if not (e.delayed and filtered) or rig.passed_by_output:
         return
@@ -543,7 +543,7 @@ def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
     """
     rig, before = e.recording.rig, most_noise(e.fit)
     imposed, coloured = _filtered(e)
-    named = any(member in DELAY_CLASS for finding in e.scan.found for member in finding.members)
+    named = any(member in DELAY_CLASS for finding in e.scan.detected for member in finding.members)
     filtered = imposed or (coloured and named)
     if not (e.delayed and filtered) or any(item.kind == "resonance" for item in rig.output_filters):
         return

@@ -53,7 +53,7 @@ class DwellDiagnosis(Result):
     """The most significant first."""
     members: tuple[str, ...]
     """Effects that explain what is missing about as well as the first."""
-    seen: DwellFit
+    fit: DwellFit
     remarks: tuple[Remark, ...]
 
     def __repr__(self) -> str:
@@ -89,8 +89,8 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     'adequate'
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
-    model, result = solution.model, solution.seen
-    rows = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
+    model, result = solution.model, solution.fit
+    rows = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.nuisances)
     squares, freedom = remainder(rows)
     names = {term.name for term in model.terms}
     able = [
@@ -99,7 +99,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         if effect.name not in names and tests(effect) and shown(dwells, effect)
     ]
     terms = [term for effect in able for term in terms_of(effect)]
-    extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.known).columns
+    extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.nuisances).columns
     basis = scipy.linalg.orth(rows.columns / np.maximum(np.linalg.norm(rows.columns, axis=0), 1e-300))
     left = rows.y - basis @ (basis.T @ rows.y)
     exact = result.scatter == 0.0

@@ -44,11 +44,11 @@ def with_detected_effects(solution: Solution, profiled: Fit, scan: Scan) -> Fit:
 
     The solution is used up; the fit is returned as it was where the larger model cannot be estimated.
     """
-    if not scan.found:
+    if not scan.detected:
         return profiled
     model = solution.model
     try:
-        for finding in scan.found:
+        for finding in scan.detected:
             model = finding.enter(model)
         states = [state.grown(model) for state in solution.states]
         solution.states.clear()  # so that each step frees the track before it
@@ -219,7 +219,7 @@ class Evidence:
         """Probability by chance below which one noise test is significant."""
         significant = own_tests([test for test in cleaned.tests if test.p_value < self.level and not test.single])
         unexplained = [test for test in significant if not test.in_model(model, self.signals)]
-        effects = [finding.effect for finding in self.scan.found]
+        effects = [finding.effect for finding in self.scan.detected]
         named = independent_tests(unexplained, effects, changing=bool(self.scan.changing))
         self.tests = tuple(
             replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
@@ -228,12 +228,12 @@ class Evidence:
         """Significant noise tests that name their effect."""
         self.unnamed = tuple(test for test in unexplained if test not in named)
         self.largest = contributions(self.fit, solution)
-        self.sizes = sizes_of(self.fit, states, [*self.scan.candidates, *self.scan.found], self.tests)
-        self.seen = solution.seen_by_runs if self.scan.enough and not self.scan.found else ()
+        self.sizes = sizes_of(self.fit, states, [*self.scan.candidates, *self.scan.detected], self.tests)
+        self.by_runs = solution.seen_by_runs if self.scan.enough and not self.scan.detected else ()
         """Effects that no single run shows, where nothing else is missing."""
-        self.by_run = values_by_run(states, model, [choice.instead for choice in self.seen[:1]])
+        self.by_run = values_by_run(states, model, [choice.instead for choice in self.by_runs[:1]])
         self.further = further_runs(states, model)
-        self.telling = [further_runs(states, model, [choice.instead], [choice.effect]) for choice in self.seen[:1]]
+        self.telling = [further_runs(states, model, [choice.instead], [choice.effect]) for choice in self.by_runs[:1]]
         delayed = "time_offset" not in model.fixed and delay_is_significant(self.fit, self.scan, alpha)
         self.delayed = delayed and delay_is_significant(
             with_detected_effects(solution, self.fit, self.scan), self.scan, alpha
@@ -266,9 +266,9 @@ class Evidence:
         return any(note.forbids_names for note in self.remarks)
 
     @property
-    def found(self) -> tuple[DetectedEffect, ...]:
+    def detected(self) -> tuple[DetectedEffect, ...]:
         """Effects that the search found and that may be named."""
-        return () if self.forbidden else self.scan.found
+        return () if self.forbidden else self.scan.detected
 
 
 def noise_ratio(fit: Fit) -> float:

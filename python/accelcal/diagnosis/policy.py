@@ -465,10 +465,10 @@ def thresholds() -> tuple[Threshold, ...]:
             raise ValueError(f"{name} is defined twice")
         value = after.value if isinstance(after, ast.Expr) else None
         text = value.value if isinstance(value, ast.Constant) else ""
-        said = re.fullmatch(r"(.*?\.) (.*\.) \[([^;]*); (\S*)\]", " ".join(str(text).split()))
-        if said is None:
+        match = re.fullmatch(r"(.*?\.) (.*\.) \[([^;]*); (\S*)\]", " ".join(str(text).split()))
+        if match is None:
             raise ValueError(f'{name}: its docstring must be "What it decides. The reason. [unit; guard]"')
-        decides, reason, unit, guard = said.groups()
+        decides, reason, unit, guard = match.groups()
         group = headings[max(n for n in headings if n < node.lineno)]
         table.append(Threshold(name, globals()[name], decides, reason, unit, guard, group))
     return tuple(table)

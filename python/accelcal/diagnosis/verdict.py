@@ -203,11 +203,13 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
     no noise to test.
     """
     if e.forbidden:
-        return replace(e.scan, found=(), rivals=(), changing=()), (), ()
+        return replace(e.scan, detected=(), rivals=(), changing=()), (), ()
     scan, tested = e.scan, e.scan.enough
     if any(note.code == "tilt_or_drift" for note in e.remarks):
-        scan = replace(scan, found=beside_tilt(scan.found), rivals=beside_tilt(scan.rivals))
-        tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(effect.effect for effect in scan.found)))
+        scan = replace(scan, detected=beside_tilt(scan.detected), rivals=beside_tilt(scan.rivals))
+        tested = tested and not FOLLOW_TIME.intersection(
+            (*e.model.effects, *(effect.effect for effect in scan.detected))
+        )
     return (scan, e.tests, e.unnamed) if tested else (scan, (), ())
 
 
@@ -216,7 +218,7 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
     groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
     searched_for = [
         Confounded(effect.effect, effect.members, effect.experiment, effect.parts, effect.weights)
-        for effect in scan.found
+        for effect in scan.detected
     ]
     p_values: dict[str, float] = {}
     for test in tests:
@@ -236,7 +238,7 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
     wave = leading_wave(scan, tests)
     first = [group for group in tested if group.effect == wave]
     groups += [*first, *searched_for, *(group for group in tested if group.effect != wave)]
-    for choice, telling in zip(e.seen[:1], e.telling, strict=True):
+    for choice, telling in zip(e.by_runs[:1], e.telling, strict=True):
         members = (*(effect.effect for effect in e.fit.seen_by_runs), choice.instead)
         groups.append(Confounded(choice.effect, members, with_further(SEEN_EXPERIMENT, [choice.effect], telling)))
     return groups
@@ -244,10 +246,10 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
 
 def leading_wave(scan: Scan, tests: Sequence[NoiseTest]) -> str:
     """The wave of noise tests that explains more than the first effect of the search; empty where none does."""
-    if not scan.found:
+    if not scan.detected:
         return ""
     gains = {candidate.effect: candidate.gain for candidate in scan.candidates}
-    waves = [test for test in tests if test.shape and test.evidence > gains.get(scan.found[0].effect, 0.0)]
+    waves = [test for test in tests if test.shape and test.evidence > gains.get(scan.detected[0].effect, 0.0)]
     return max(waves, key=lambda test: test.evidence).effect if waves else ""
 
 
@@ -365,13 +367,13 @@ def forbidden(case: Case) -> Judgement | None:
 
 def found_by_search(case: Case) -> Judgement | None:
     """Name the effect that explains most, or the nonparametric curve that does; a wave may explain more."""
-    if not case.scan.found or leading_wave(case.scan, case.tests):
+    if not case.scan.detected or leading_wave(case.scan, case.tests):
         return None
-    name = case.scan.found[0].effect
+    name = case.scan.detected[0].effect
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
     evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
     if not effect.family:
-        text = f"{name} explains what the model lacks {evidence}.{random_variation(case.scan.found[0])}"
+        text = f"{name} explains what the model lacks {evidence}.{random_variation(case.scan.detected[0])}"
         verdict, text = case.with_rivals(name, text)
         return verdict, text + declared_as(name)
     return (

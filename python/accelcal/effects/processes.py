@@ -129,7 +129,7 @@ names = Names()
 """The catalogue's names."""
 
 
-def known(name: str, channels: Sequence[tuple[str, str]]) -> Effect:
+def found_by_name(name: str, channels: Sequence[tuple[str, str]]) -> Effect:
     """The effect of a name, in a process to which recorded channels (name, unit) may be new."""
     mechanisms.side_channels(channels)
     return find(name)
@@ -149,7 +149,7 @@ def by_name(effect: Effect) -> tuple[Callable[..., Effect], tuple[str, tuple[tup
             "accelcal.load_effects, here and where it is read"
         )
     followed = mechanisms.channel_of(effect)
-    return known, (effect.name, ((followed, mechanisms.driver_of(followed).unit),) if followed else ())
+    return found_by_name, (effect.name, ((followed, mechanisms.driver_of(followed).unit),) if followed else ())
 
 
 copyreg.pickle(Effect, by_name)  # copies of an effect are the effect itself

@@ -99,8 +99,8 @@ class DwellSolution:
     values: Values
     covariance: Array
     log_likelihood: float
-    seen: DwellFit
-    known: Nuisances
+    fit: DwellFit
+    nuisances: Nuisances
 
 
 def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolution:

@@ -638,9 +638,9 @@ def estimate_dwells(model: Model, dwells: Dwells, origins: Origins | None = None
         rig=dwells.rig,
         method=DWELLS_ALONE,
         validity={**ranges, "frequency": (0.0, 0.0)},
-        remarks=dwell_solution.seen.remarks,
+        remarks=dwell_solution.fit.remarks,
         shapes=tuple(held_shapes(dwell_solution.model)),
-        dwells=dwell_solution.seen,
+        dwells=dwell_solution.fit,
     )
 
 

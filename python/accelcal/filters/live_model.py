@@ -10,7 +10,7 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
-from accelcal._support.arguments import HOW_TO, found
+from accelcal._support.arguments import HOW_TO, kind_of
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, Array, Rig, unsupported
 from accelcal.data.arrays import copied
@@ -711,7 +711,7 @@ def _require_kinds(model: object, rig: object, watch: object) -> None:
     """Refuse arguments of `LiveModel` of another kind, with how to make the right one."""
     for argument, value, kind in (("model", model, Model), ("rig", rig, Rig)):
         if not isinstance(value, kind):
-            raise TypeError(f"LiveModel: {argument} is {found(value)}; {HOW_TO[kind.__name__]}")
+            raise TypeError(f"LiveModel: {argument} is {kind_of(value)}; {HOW_TO[kind.__name__]}")
     if isinstance(watch, str):
         raise TypeError(f"LiveModel: watch is {watch!r}; expected a list of names of effects, as [{watch!r}]")
 

@@ -287,7 +287,7 @@ class Task:
             "version": __version__,
         }
 
-    def found(self) -> Callable[..., Mapping[str, float]]:
+    def imported(self) -> Callable[..., Mapping[str, float]]:
         """The function, imported here.
 
         Raises
@@ -307,7 +307,7 @@ class Task:
 
 def compute(task: Task, batch: Sequence[tuple[int, Item]]) -> list[Outcome]:
     """Outcomes of some runs, in this process."""
-    function, parameters = task.found(), json.loads(task.parameters)
+    function, parameters = task.imported(), json.loads(task.parameters)
     return [_outcome(function, parameters, run, item) for run, item in batch]
 
 
@@ -350,7 +350,7 @@ class Count:
 
     computed: int
     """Runs of this call."""
-    kept: int
+    stored: int
     """Runs that the file held before; none of them was computed again."""
     failed: int
     """Runs in the file whose task raised."""

@@ -491,10 +491,10 @@ def stated_unit(table: Table, plan: Plan, channel: str, column: str, declared: s
     stored = table.units.get(column)
     if stored is not None and declared not in (None, UNKNOWN) and not units.is_unit(stored):
         stored = None  # words that a file has for a unit cannot be corrected in it, and the user says what they mean
-    said = {table.units_from: stored, plan.sidecar.name: declared}
+    units_stated = {table.units_from: stored, plan.sidecar.name: declared}
     if declared is None:  # else the user says what the name means
-        said |= {"the suffix of the column name": name.suffix, "the bracket in the column name": name.brackets}
-    stated = [(source, unit) for source, unit in said.items() if unit is not None]
+        units_stated |= {"the suffix of the column name": name.suffix, "the bracket in the column name": name.brackets}
+    stated = [(source, unit) for source, unit in units_stated.items() if unit is not None]
     if not stated:
         raise RecordingError(
             f'{table.path}: column "{column}" has no unit; '

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from accelcal._support.arguments import HOW_TO, found
+from accelcal._support.arguments import HOW_TO, kind_of
 from accelcal.data import UNITS, Array, Recording, RecordingError, Reference, Rig, reference_among
 from accelcal.data.recording import series
 from accelcal.io import naming
@@ -45,7 +45,7 @@ def from_arrays(
     require_kinds("from_arrays", units, rig)
     if reference not in get_args(Reference):
         names = " or ".join(f'"{name}"' for name in get_args(Reference))
-        raise RecordingError(f"from_arrays: reference is {found(reference)}; expected {names}")
+        raise RecordingError(f"from_arrays: reference is {kind_of(reference)}; expected {names}")
     columns, declared = {"t": t, "accel": accel, reference: position}, {"t": "s", **units}
     if position_t is not None:
         columns[f"{reference}_t"] = position_t
@@ -59,7 +59,7 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
     """See `accelcal.Recording.from_dataframe`."""
     if not all(hasattr(frame, key) for key in ("columns", "index", "attrs")):
         how = "Its to_pandas() makes one" if hasattr(frame, "to_pandas") else "Recording.from_arrays takes arrays"
-        raise TypeError(f"from_dataframe: frame is {found(frame)}; expected a pandas DataFrame. {how}")
+        raise TypeError(f"from_dataframe: frame is {kind_of(frame)}; expected a pandas DataFrame. {how}")
     require_kinds("from_dataframe", {} if units is None else units, rig)
     for axis, labels in (("index", frame.index), ("columns", frame.columns)):
         if labels.nlevels > 1:
@@ -96,9 +96,9 @@ def require_kinds(caller: str, units: object, rig: object) -> None:
         Saying what was found and how to make one.
     """
     if not isinstance(units, Mapping):
-        raise TypeError(f'{caller}: units is {found(units)}; expected a unit by column, as {{"accel": "g"}}')
+        raise TypeError(f'{caller}: units is {kind_of(units)}; expected a unit by column, as {{"accel": "g"}}')
     if not isinstance(rig, Rig | None):
-        raise TypeError(f"{caller}: rig is {found(rig)}; {HOW_TO['Rig']}; a sidecar belongs to accelcal.load")
+        raise TypeError(f"{caller}: rig is {kind_of(rig)}; {HOW_TO['Rig']}; a sidecar belongs to accelcal.load")
 
 
 def has_clocks(names: Iterable[str]) -> bool:

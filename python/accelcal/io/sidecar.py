@@ -581,8 +581,8 @@ def _filters(passes: Pass) -> _Check:
             raise AccelcalError(
                 "found an empty list, expected at least one filter; leave the key out where there is none"
             )
-        one = partial(_filter, passes=passes)
-        return [_checked(one, item, str(number)) for number, item in enumerate(value, 1)]
+        of_passes = partial(_filter, passes=passes)
+        return [_checked(of_passes, item, str(number)) for number, item in enumerate(value, 1)]
 
     return check
 

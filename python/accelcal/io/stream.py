@@ -422,7 +422,7 @@ class LineReader:
 
     def _ordered(self, rows: Array, *, ended: bool = False) -> Rows:
         """Those of the rows (n, m) that follow the rows before."""
-        ordered = self._order.kept(rows, ended=ended)
+        ordered = self._order.in_order(rows, ended=ended)
         self.counts.used += len(ordered)
         return self._as_rows(ordered)
 
@@ -526,7 +526,7 @@ class _Order:
         self._step = 0.0
         """Usual step of the stamps, s; 0 while it is not known."""
 
-    def kept(self, rows: Array, *, ended: bool = False) -> Array:
+    def in_order(self, rows: Array, *, ended: bool = False) -> Array:
         """The rows (n, m) that follow, among them those that waited until now; the stamp is first."""
         waiting = 0 if self._pool is None else len(self._pool)
         rows = rows if self._pool is None else np.concatenate([self._pool, rows])

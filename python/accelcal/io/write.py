@@ -469,7 +469,7 @@ class _Sink(io.RawIOBase):
     """Keeps what is written beyond a place."""
 
     def __init__(self, start: int) -> None:
-        self.kept = bytearray()
+        self.content = bytearray()
         self._skip = start
 
     def writable(self) -> bool:
@@ -482,7 +482,7 @@ class _Sink(io.RawIOBase):
         skipped = min(size, self._skip)
         self._skip -= skipped
         if skipped < size:
-            self.kept += memoryview(content)[skipped:]
+            self.content += memoryview(content)[skipped:]
         return size
 
 
@@ -509,8 +509,8 @@ def _encoded(rows: pa.Table, start: int) -> tuple[bytes, Any]:
         stream.write(_SKIPPED.data[: min(ahead, len(_SKIPPED))])
     writer.write_table(rows, row_group_size=max(1, rows.num_rows))
     writer.close()
-    table = int.from_bytes(sink.kept[-_END : -_END // 2], "little")
-    return bytes(sink.kept[: -_END - table]), tables[0]
+    table = int.from_bytes(sink.content[-_END : -_END // 2], "little")
+    return bytes(sink.content[: -_END - table]), tables[0]
 
 
 def _footer(table: Any) -> bytes:

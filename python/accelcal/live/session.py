@@ -224,8 +224,8 @@ class LiveSession:
         """Why nothing more came."""
         error = None if self._intake is None else self._intake.error
         if error is not None:
-            said = error.strerror if isinstance(error, OSError) else None
-            return f"the source broke off ({said or error or type(error).__name__})"
+            reason = error.strerror if isinstance(error, OSError) else None
+            return f"the source broke off ({reason or error or type(error).__name__})"
         return "stopped" if self._stopped else "the source has ended"
 
     @property
@@ -423,8 +423,8 @@ class Columns:
     def of(cls, states: list[LiveState], parameters: tuple[str, ...]) -> Columns:
         """From states, the parameters of these names in this order."""
         n, none = len(states), math.nan
-        told = [{e.name: (e.value, e.std) for e in s.estimates} for s in states]
-        rows = [[by_name.get(name, (none, none)) for name in parameters] for by_name in told]
+        values = [{e.name: (e.value, e.std) for e in s.estimates} for s in states]
+        rows = [[by_name.get(name, (none, none)) for name in parameters] for by_name in values]
         both = np.array(rows, float).reshape(n, len(parameters), 2)
         read = [(none, none) if (e := s.innovation) is None else (e.e, math.sqrt(e.variance)) for s in states]
         nis = [
@@ -496,8 +496,8 @@ class DwellGuide:
             return []  # where it was before, or still is
         left = math.ceil(self.least - lasts)
         if left > 0:
-            said, self._left = left == self._left and begun, left
-            return [] if said else [f"hold still, {left} s"]
+            announced, self._left = left == self._left and begun, left
+            return [] if announced else [f"hold still, {left} s"]
         y = self._still[:, 1:]
         still = Rest(
             float(self._still[0, 0]),

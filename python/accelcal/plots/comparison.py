@@ -271,7 +271,7 @@ def loop(diagnosis: Diagnosis, comparison: Comparison, *, theme: ThemeName = "li
     MissingExtra
         If matplotlib is not installed.
     """
-    lacking = comparison.seen[0][0]
+    lacking = comparison.evaluations[0][0]
     added = [name for name in comparison.fits[-1].model.added if name not in diagnosis.fit.model.added]
     parts = (
         replace(closely([(comparison.names[0], lacking)]), headline="1  Measured and modelled, held-out data"),
@@ -307,8 +307,8 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
     """
 
     def of_several() -> Iterator[tuple[str, Drawn]]:
-        for number, evaluations in enumerate(comparison.seen, start=1):
-            name = "overlay" if len(comparison.seen) == 1 else f"overlay-{number}"
+        for number, evaluations in enumerate(comparison.evaluations, start=1):
+            name = "overlay" if len(comparison.evaluations) == 1 else f"overlay-{number}"
             yield name, matplotlib.draw(overlay(list(zip(comparison.names, evaluations, strict=True))), theme)
         yield "error_reduction", matplotlib.draw(error_reduction(comparison), theme)
 
@@ -328,7 +328,7 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
         for define, figure in (*drawn, (parameters, parameters(fit)), (nonlinearity, nonlinearity(fit))):
             yield define.__name__, matplotlib.draw(figure, theme)
 
-    alone = len(comparison) == len(comparison.seen) == 1
+    alone = len(comparison) == len(comparison.evaluations) == 1
     drawn = of_single(comparison.fits[0], comparison[0]) if alone else of_several()
     return matplotlib.write(drawn, directory, theme)
 

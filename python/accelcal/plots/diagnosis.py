@@ -64,7 +64,7 @@ def signature_correlation(power: Power) -> SignatureCorrelation:
     rows: dict[str, int] = {}
     for item, columns in zip(model.items, model.evidence.columns, strict=True):
         name = item.effect.name
-        if item.effect.width > 1 or item.effect.port == "process" or not power[name].seen:
+        if item.effect.width > 1 or item.effect.port == "process" or not power[name].visible:
             continue
         best = all(item.shape.get(key) == value for key, value in power[name].shape.items())
         if best and G[columns.start, columns.start] > 0.0:
@@ -142,9 +142,9 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
         ],
         top,
     )
-    said = comparison.headline.alone
-    said += ", with 95 % prediction interval" if comparison.headline.band is None else ""
-    level = Level(floor.value * factor, floor.low * factor, floor.high * factor, said, "floor")
+    title = comparison.headline.alone
+    title += ", with 95 % prediction interval" if comparison.headline.band is None else ""
+    level = Level(floor.value * factor, floor.low * factor, floor.high * factor, title, "floor")
     names = [spelled(name) for name in comparison.names]
     models = Axis("model", range=(-0.6, len(names) - 0.4), ticks=(range(len(names)), names), grid=False)
     size = Axis("rms error", unit, range=(0.0, 1.3 * float(np.nanmax(top))))
@@ -181,7 +181,7 @@ def added_variables(comparison: Comparison) -> Figure:
     ----------
     comparison : of a base, then one more effect at a time.
     """
-    panels, evaluations = list[Panel](), comparison.seen[0]
+    panels, evaluations = list[Panel](), comparison.evaluations[0]
     for before, fit, better in zip(evaluations, comparison.fits, comparison.fits[1:], strict=False):
         values, lacking = better.values(), dict[str, systematic.Lacking]()
         for name in better.model.effects[len(fit.model.effects) :]:
@@ -217,10 +217,10 @@ def against(evaluation: Evaluation, fit: Fit, lacking: Mapping[str, systematic.L
                 drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor
             ),
         )
-        said = f"{100.0 * drawn.explained:.0f} % of the systematic error"
+        text = f"{100.0 * drawn.explained:.0f} % of the systematic error"
         if lacking[name][0].port == "position":  # most of it lies above the band of the output
-            said = f"slope {drawn.slope:.2f} ± {drawn.slope_std:.2f} (1: as fitted)"
-        title = f"{name}: {said}"
+            text = f"slope {drawn.slope:.2f} ± {drawn.slope_std:.2f} (1: as fitted)"
+        title = f"{name}: {text}"
         panels.append(Panel(marks, Axis("contribution, rest taken off", unit, few=True), Axis("error", unit), title))
     return panels
 
@@ -250,12 +250,12 @@ def detectable_sizes(power: Power) -> Figure:
     """
     panels = []
     for unit, title in (("m/s²", "at the sensor"), ("m", "at the encoder")):
-        there = [s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (unit == "m")]
+        there = [s for s in power.detectabilities if s.visible and (find(s.effect).port == "position") == (unit == "m")]
         several = sorted(there, key=lambda s: s.largest)[:MOST_SIZES]
         if several:
             largest, rows = np.array([s.largest for s in several]), np.arange(float(len(several)))
             names = [spelled(s.effect) for s in several]
-            said = [
+            remarks = [
                 f"{name}: {min(s.smallest):.3g} {s.unit}, at most {s.largest:.3g} {unit}"
                 for name, s in zip(names, several, strict=True)
             ]
@@ -266,11 +266,11 @@ def detectable_sizes(power: Power) -> Figure:
                 (0.7 * float(largest[0]), 1.4 * float(largest[-1])),
             )
             effects = Axis(range=(len(several) - 0.5, -0.5), ticks=(rows.tolist(), names))
-            points = Points(largest, rows, hover=said)
+            points = Points(largest, rows, hover=remarks)
             panels.append(Panel((points,), sizes, effects, title, 20.0 * (len(several) + 1)))
     if not panels:
         return sentence("Detection limits", "No effect is detectable on this record.")
-    undetectable = [spelled(s.effect) for s in power.detectabilities if not s.seen]
+    undetectable = [spelled(s.effect) for s in power.detectabilities if not s.visible]
     return Figure(
         tuple(panels),
         f"Detection limits of this record: 95 % probability, {power.examined} alternatives",

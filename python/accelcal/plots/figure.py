@@ -364,8 +364,8 @@ def drawing(define: Callable[..., Figure], draw: Callable[[Figure, ThemeName], T
         return draw(define(*given, **options), theme)
 
     drawn.__doc__ = f'{(define.__doc__ or "").rstrip()}\n\n    It is drawn in the theme `theme`, "light" or "dark".\n'
-    told = signature(define).replace(return_annotation=Signature.empty)
-    setattr(drawn, "__signature__", told)  # noqa: B010  (a function has the attribute for `help` alone)
+    public = signature(define).replace(return_annotation=Signature.empty)
+    setattr(drawn, "__signature__", public)  # noqa: B010  (a function has the attribute for `help` alone)
     return drawn
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from accelcal._support.arguments import found
+from accelcal._support.arguments import kind_of
 from accelcal._support.errors import optional
 from accelcal.io import atomic, together
 from accelcal.plots import figure as data
@@ -104,7 +104,7 @@ def draw(figure: data.Figure, theme: ThemeName = "light", into: Figure | SubFigu
     look = theme_of(theme)
     if into is not None:
         if not hasattr(into, "subfigures"):
-            raise TypeError(f"into is {found(into)}; expected a figure of matplotlib, or one of its subfigures(...)")
+            raise TypeError(f"into is {kind_of(into)}; expected a figure of matplotlib, or one of its subfigures(...)")
         draw_into(into, figure, look, NORMAL)
         return into.figure
     rows = figure.rows
@@ -149,15 +149,15 @@ def draw_into(part: Figure | SubFigure, figure: data.Figure, look: Theme, size: 
     grid = part.subplots(len(rows), columns, squeeze=False, sharex=figure.shared_x, height_ratios=rows).ravel()
     for axes in grid[len(figure.panels) :]:
         axes.set_visible(False)
-    said: set[str] = set()
+    in_legend: set[str] = set()
     for number, (axes, panel) in enumerate(zip(grid, figure.panels, strict=False)):
         last = not figure.shared_x or number == len(figure.panels) - 1
         format_axes(axes, panel, look, last=last, title="left" if columns > 1 else "right")
         for mark in panel.marks:
-            draw_mark(axes, mark, look, said)
+            draw_mark(axes, mark, look, in_legend)
         for stretch in figure.stretches:
             colour = look.style(stretch.role).colour
-            name = _name(stretch.name, said)
+            name = _name(stretch.name, in_legend)
             axes.axvspan(stretch.begin, stretch.end, color=colour, alpha=0.25, linewidth=0.0, label=name, zorder=0)
         if panel.sentence:
             write_sentence(axes, panel.sentence, look)
@@ -218,7 +218,7 @@ def set_axis(axes: Axes, along: str, declared: Axis, look: Theme) -> None:
         right.spines["right"].set_visible(False)
 
 
-def draw_mark(axes: Axes, mark: Mark, look: Theme, said: set[str]) -> None:
+def draw_mark(axes: Axes, mark: Mark, look: Theme, in_legend: set[str]) -> None:
     """Draw one mark; a name that was said before is not said again."""
     match mark:
         case Line():
@@ -233,13 +233,13 @@ def draw_mark(axes: Axes, mark: Mark, look: Theme, said: set[str]) -> None:
                 marker=line.marker if mark.marker == "." else mark.marker or "none",
                 markersize=4.5,
                 alpha=mark.opacity,
-                label=_name(mark.name, said),
+                label=_name(mark.name, in_legend),
                 rasterized=dense,
             )
         case Band():
             x, low, high = mark.drawn
             colour, dense = look.style(mark.role).colour, len(x) > DENSE
-            name, alpha = _name(mark.name, said), 0.25 if mark.outlined else 0.4
+            name, alpha = _name(mark.name, in_legend), 0.25 if mark.outlined else 0.4
             axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0.0, label=name, rasterized=dense)
             for edge in (low, high) if mark.outlined else ():
                 axes.plot(x, edge, color=colour, linestyle=(0, (6, 2)), linewidth=1.1, rasterized=dense)
@@ -249,14 +249,14 @@ def draw_mark(axes: Axes, mark: Mark, look: Theme, said: set[str]) -> None:
             axes.errorbar(
                 mark.x, mark.y, **size, color=line.colour, linestyle="none", marker=line.marker,
                 markerfacecolor=look.page if mark.hollow else line.colour, markersize=2.2 if dense else 4.5,
-                capsize=3.0, elinewidth=1.1, label=_name(mark.name, said), rasterized=dense,
+                capsize=3.0, elinewidth=1.1, label=_name(mark.name, in_legend), rasterized=dense,
             )  # fmt: skip
         case Bars():
-            _bars(axes, mark, look, said)
+            _bars(axes, mark, look, in_legend)
         case Level():
             line = look.style(mark.role)
             across, span = (axes.axvline, axes.axvspan) if mark.upright else (axes.axhline, axes.axhspan)
-            name = _name(mark.name, said)
+            name = _name(mark.name, in_legend)
             if math.isfinite(mark.low):
                 called = "_" if math.isfinite(mark.at) else name
                 span(mark.low, mark.high, color=line.colour, alpha=0.2, linewidth=0.0, label=called, zorder=0)
@@ -280,12 +280,12 @@ def draw_mark(axes: Axes, mark: Mark, look: Theme, said: set[str]) -> None:
             )  # fmt: skip
 
 
-def _bars(axes: Axes, mark: Bars, look: Theme, said: set[str]) -> None:
+def _bars(axes: Axes, mark: Bars, look: Theme, in_legend: set[str]) -> None:
     colour, rows = look.style(mark.role).colour, np.arange(len(mark.y))
     draw_bar: Any = axes.barh if mark.across else axes.bar
     for i, (y, solid) in enumerate(zip(mark.y, mark.solid, strict=True)):
         fill = {"color": colour if solid else look.page, "edgecolor": colour, "hatch": "" if solid else "//"}
-        draw_bar(i, y, 0.6, label=_name(mark.names[not solid], said), **fill)
+        draw_bar(i, y, 0.6, label=_name(mark.names[not solid], in_legend), **fill)
     if mark.low is not None and mark.high is not None:
         reach: Any = np.nan_to_num([mark.y - mark.low, mark.high - mark.y])
         ends: dict[str, Any] = {"xerr" if mark.across else "yerr": reach, "ecolor": look.ink, "capsize": 4.0}
@@ -327,10 +327,10 @@ def _small(look: Theme) -> dict[str, Any]:
     return {"fontsize": SMALL, "color": look.ink, "parse_math": False}
 
 
-def _name(name: str, said: set[str]) -> str:
+def _name(name: str, in_legend: set[str]) -> str:
     """A label for the legend, "_" for one that is not to be there."""
-    new = name if name and name not in said else "_"
-    said.add(name)
+    new = name if name and name not in in_legend else "_"
+    in_legend.add(name)
     return new
 
 

@@ -63,8 +63,8 @@ def parameters(fit: Fit) -> Figure:
         ticks=(range(len(texts)), [_name(e) for e in fit.estimates]),
         beside=texts,
     )
-    said = "estimate / typical size, ± 2 standard deviations"
-    size = Axis(said, "1", "symlog" if largest > LINEAR_REACH else "linear")
+    title = "estimate / typical size, ± 2 standard deviations"
+    size = Axis(title, "1", "symlog" if largest > LINEAR_REACH else "linear")
     text = f"{len(fit.free)} estimated parameters, standard uncertainty in parentheses"
     return Figure((Panel(tuple(marks), size, names, height=30.0 + 40.0 * len(texts)),), text)
 

@@ -102,7 +102,7 @@ class Page:
         self.shapes: list[dict[str, Any]] = []
         self.notes: list[dict[str, Any]] = []
         self.axes: dict[str, dict[str, Any]] = {}
-        self.said: set[str] = set()
+        self.in_legend: set[str] = set()
         rows, titled = figure.rows, any(panel.title for panel in figure.panels)
         gap = (BETWEEN + SMALL if titled else SHARED) if figure.shared_x else BELOW
         self.inside = sum(rows) + gap * (len(rows) - 1)
@@ -174,8 +174,8 @@ class Page:
             more |= {"customdata": [escaped(text) for text in hover], "hovertemplate": "%{customdata}<extra></extra>"}
         if name:
             more |= {"name": escaped(name), "legendgroup": name}
-        more["showlegend"] = bool(name) and name not in self.said
-        self.said.add(name)
+        more["showlegend"] = bool(name) and name not in self.in_legend
+        self.in_legend.add(name)
         self.traces.append({"xaxis": f"x{self.at}", "yaxis": f"y{self.at}", **more})
 
     def _shape(self, colour: str, alpha: float, **more: Any) -> None:
@@ -285,14 +285,14 @@ class Page:
         else:
             ends = {"xref": f"x{self.at} domain", "yref": f"y{self.at}", "x0": 0.0, "x1": 1.0}
             region, at = {"y0": mark.low, "y1": mark.high}, {"y0": mark.at, "y1": mark.at}
-        named = {"showlegend": mark.name not in self.said, "name": escaped(mark.name), "legendgroup": mark.name}
+        named = {"showlegend": mark.name not in self.in_legend, "name": escaped(mark.name), "legendgroup": mark.name}
         if math.isfinite(mark.low):
             more = named if mark.name and math.isnan(mark.at) else {}
             self._shape(line.colour, 0.18, **ends, **region, **more)
         if math.isfinite(mark.at):
             more = named if mark.name else {}
             self._shape(line.colour, 0.0, **ends, **at, type="line", line=style, layer="above", **more)
-        self.said.add(mark.name)
+        self.in_legend.add(mark.name)
         if mark.text:
             x = math.log10(mark.at) if x_axis.scale == "log" else mark.at
             place = {"yref": f"y{self.at} domain", "xanchor": "right", "yanchor": "top", "textangle": -90}

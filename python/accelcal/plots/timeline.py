@@ -86,9 +86,9 @@ def marks(recording: Recording) -> Marks:
     """
     of_record = examine(recording)
     part, clean = of_record.usable, of_record.source.recording
-    gone = tuple((a - MILLISECOND, b + MILLISECOND) for item in clean.left_out for a, b in item.stretches)
+    lost = tuple((a - MILLISECOND, b + MILLISECOND) for item in clean.left_out for a, b in item.stretches)
     noticed = tuple(of_record.remarks())
-    return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone, noticed)
+    return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), lost, noticed)
 
 
 def timeline(recording: Recording, marked: Marks) -> Figure:
@@ -225,10 +225,10 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
             1.0 if evaluation is current else 0.5 + 0.4 * number / len(several),
         )
         at, left = evaluation.accel_residual
-        said = f"{name or 'model'}, {fit_text(evaluation)}"
-        output.append(line(at, evaluation.measured - left, said, role, faint))
-        residual.append(line(at, left * ruler, said, role, faint, solid=True))
-        position.append(line(evaluation.simulated[0], evaluation.simulated[2] * scale, said, role, faint))
+        label = f"{name or 'model'}, {fit_text(evaluation)}"
+        output.append(line(at, evaluation.measured - left, label, role, faint))
+        residual.append(line(at, left * ruler, label, role, faint, solid=True))
+        position.append(line(evaluation.simulated[0], evaluation.simulated[2] * scale, label, role, faint))
     ends = [float(end) for axis in (t, current.accel_residual[0]) if len(axis) for end in (axis[0], axis[-1])]
     time = Axis("time", "s", range=window or (min(ends, default=0.0), max(ends, default=1.0)))
     worst = [stretch for stretch in worst_stretches(*current.accel_residual) if stretch != chosen]

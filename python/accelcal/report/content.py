@@ -133,7 +133,7 @@ def gather(
     ]
     if len(contents) == 1:
         return contents[0]
-    alike = compare(fit, several or recordings, band=min(content.judged.band for content in contents)).seen
+    alike = compare(fit, several or recordings, band=min(content.judged.band for content in contents)).evaluations
     return AxesContent(
         fit,
         dict(zip(axes, contents, strict=True)),
@@ -213,7 +213,7 @@ def error_reduction(
     recording, or the end of its own, to which none of them is fitted then."""
     start, end = comparison.used[0]
     split = end if holdout is not None else end - HELD_OUT * (end - start)
-    grown = nested_fits(fit, [recording], comparison.scan.found, start=start, end=split, refit=holdout is None)
+    grown = nested_fits(fit, [recording], comparison.scan.detected, start=start, end=split, refit=holdout is None)
     if holdout is not None:
         return grown, compare(grown.fits, holdout, names=grown.names)
     return grown, replace(compare(grown.fits, recording, names=grown.names, start=split, end=end), same_run=True)
@@ -278,13 +278,13 @@ def _of_the_model(c: Content) -> Iterator[Entry]:
     )
     drawn: Callable[[], Figure] | None = None
     if c.nested is not None and len(c.nested) > 1:
-        said = "Both without what the model before takes up; a right effect lies on a line of slope 1."
+        reading = "Both without what the model before takes up; a right effect lies on a line of slope 1."
         drawn = partial(diagnosis.added_variables, c.nested)
     elif c.diagnosis.verdict in ("named", "tied"):
-        said = "Both without what the model takes up; a right effect lies on a line."
+        reading = "Both without what the model takes up; a right effect lies on a line."
         drawn = partial(diagnosis.added_variable, c.diagnosis)
     if drawn is not None:
-        yield Entry("evidence", "first", said, drawn, partial(low, drawn))
+        yield Entry("evidence", "first", reading, drawn, partial(low, drawn))
     yield _both(
         "candidates",
         "found",

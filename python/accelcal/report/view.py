@@ -242,7 +242,7 @@ def detection_limits(content: Content) -> list[str]:
     shown = [
         limit
         for limit in content.power.detectabilities
-        if limit.effect in mine and limit.seen and len(limit.smallest) == 1
+        if limit.effect in mine and limit.visible and len(limit.smallest) == 1
     ]
     shown.sort(key=lambda limit: (not mine[limit.effect].common, not mine[limit.effect].static))
     return [f"{spelled(limit.effect)} {about(limit.unit, limit.smallest[0])}" for limit in shown[:MOST_LIMITS]]
@@ -304,7 +304,7 @@ def view(content: Content | AxesContent) -> dict[str, Any]:
         "summary": [readable(text) for text in summary(content)],
         "page": first_page(content),
         "version": f"accelcal {__version__}",
-        "found": found(content),
+        "found": findings(content),
         "limits": detection_limits(content),
         "importance": importance(content),
         "apart": apart(content),
@@ -362,7 +362,7 @@ def summary(content: Content) -> list[str]:
     return lines
 
 
-def found(content: Content) -> list[dict[str, Any]]:
+def findings(content: Content) -> list[dict[str, Any]]:
     """Effects of the model beyond its base, and missing ones."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
     for name in (n for n in content.fit.model.added if find(n).traits.visible):
@@ -387,7 +387,7 @@ def found(content: Content) -> list[dict[str, Any]]:
             "p_value": probability(c.p_value),
             "contribution": contributed(content, c.effect),
         }
-        for effect_found in d.scan.found
+        for effect_found in d.scan.detected
         if (c := scanned.get(effect_found.effect)) is not None
     ]
     rows += [

@@ -169,8 +169,8 @@ def lines(answer: FrequencyResponse, sensor: Sensor | None = None) -> list[str]:
             f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
             f"{math.degrees(p.expanded_phase):9.2g}  {amplitude}  {shown}".rstrip()
         )
-    said = "|H| is output over acceleration, both in m/s²; U is expanded, k = 2; a lag is negative."
-    out += ["", f"{said}{' S is |H| times the declared scale, ± U.' * bool(sensitivity)}", answer.basis]
+    legend = "|H| is output over acceleration, both in m/s²; U is expanded, k = 2; a lag is negative."
+    out += ["", f"{legend}{' S is |H| times the declared scale, ± U.' * bool(sensitivity)}", answer.basis]
     if answer.model is not None:
         out += answer.model.sentences
     out += [

@@ -176,12 +176,12 @@ def _of_harmonic(
     A = np.array([step.acceleration[0] for step in measured])
     produced = np.array([s.output[h - 1] - g * s.acceleration[h - 1] for s, g in zip(measured, there, strict=True)])
     std, degrees = np.array([step.std[h - 1] for step in measured]), sum(step.point.degrees for step in measured)
-    found: list[tuple[float, Term | None]] = []
+    candidates: list[tuple[float, Term | None]] = []
     for where, shape in (("", there / sized * A**h), (", behind the fitted poles", (first * A) ** h)):
         values, weights = np.real(produced * 2.0 ** (h - 1) / shape), np.abs(shape / std / 2.0 ** (h - 1)) ** 2
         misfit = float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2)) if len(f) else 0.0
-        found.append((misfit, _mean(name, f"harmonic {h}{where}", unit, list(values), list(weights), degrees)))
-    return found[found[0][0] > found[1][0] + BEHIND][1]
+        candidates.append((misfit, _mean(name, f"harmonic {h}{where}", unit, list(values), list(weights), degrees)))
+    return candidates[candidates[0][0] > candidates[1][0] + BEHIND][1]
 
 
 BEHIND = 16.0

@@ -254,7 +254,7 @@ def _(result: Comparison, which: str = "") -> Table:
         return changes(result) if which == "changes" else budgets(result)
     every = [
         (name, recording, evaluation)
-        for recording, evaluations in zip(result.recordings, result.seen, strict=True)
+        for recording, evaluations in zip(result.recordings, result.evaluations, strict=True)
         for name, evaluation in zip(result.names, evaluations, strict=True)
     ]
     if len(every) == 1:
@@ -266,7 +266,7 @@ def _(result: Comparison, which: str = "") -> Table:
     if len(result.recordings) > 1:
         parts += [
             (recording, evaluations, [None, *(difference.recordings[number] for difference in differences)])
-            for number, (recording, evaluations) in enumerate(zip(result.recordings, result.seen, strict=True))
+            for number, (recording, evaluations) in enumerate(zip(result.recordings, result.evaluations, strict=True))
         ]
     return error_reduction(
         f"{', '.join(result.names)} on {', '.join(name or 'recording' for name in result.recordings)}",
@@ -279,7 +279,7 @@ def _(result: Comparison, which: str = "") -> Table:
                 *(as_sentence(typeset(d.sentence)) for d in differences),
             ]
         ),
-        alarms=[f"Suspect data: {text}" for text in suspect(*(evaluations[-1] for evaluations in result.seen))],
+        alarms=[f"Suspect data: {text}" for text in suspect(*(evaluations[-1] for evaluations in result.evaluations))],
     )
 
 
@@ -469,7 +469,7 @@ def budgets(result: Comparison) -> Table:
     """Parts of the drift of each model on each recording, whose squares add up."""
     every = [
         (name, recording, evaluation.budget)
-        for recording, evaluations in zip(result.recordings, result.seen, strict=True)
+        for recording, evaluations in zip(result.recordings, result.evaluations, strict=True)
         for name, evaluation in zip(result.names, evaluations, strict=True)
         if evaluation.budget is not None
     ]

@@ -34,7 +34,7 @@ def _(simulated: Simulated, which: str = "") -> Table:
 @table.register
 def _(result: Power, which: str = "") -> Table:
     require(which, "coefficients")
-    visible = [limit for limit in result.detectabilities if limit.seen]
+    visible = [limit for limit in result.detectabilities if limit.visible]
     return Table(
         title=f"Detection limits of {result.name or 'a recording'}",
         sentence=f"{len(visible)} of {len(result.detectabilities)} effects would be detected at some size "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal._support.arguments import found
+from accelcal._support.arguments import kind_of
 from accelcal._support.errors import optional
 from accelcal._support.result import Result
 from accelcal._support.values import listing
@@ -156,7 +156,7 @@ def dataset(result: object) -> Any:
     TypeError
         If it has no arrays.
     """
-    raise TypeError(f"{found(result)} has no arrays; to_dataframe() gives its numbers")
+    raise TypeError(f"{kind_of(result)} has no arrays; to_dataframe() gives its numbers")
 
 
 @dataset.register
@@ -218,7 +218,7 @@ def _(comparison: Comparison) -> Any:
     names = [name or f"recording {number}" for number, name in enumerate(comparison.recordings)]
     by_recording = [
         concat([dataset(evaluation) for evaluation in evaluations], models, join="outer", combine_attrs="drop")
-        for evaluations in comparison.seen
+        for evaluations in comparison.evaluations
     ]
     recordings = xarray_module().Variable("recording", names)
     return concat(by_recording, recordings, join="outer", combine_attrs="drop")

@@ -623,7 +623,9 @@ def enter_effects(model: Any) -> None:
                 f"{CATALOGUE[item.name].digest[:12]}… instead of {item.digest[:12]}…). Fit again, or load the old file"
             )
     names = model.get("effects")
-    missing = [name for name in names if isinstance(name, str) and not known(name)] if isinstance(names, list) else []
+    missing = (
+        [name for name in names if isinstance(name, str) and not is_effect(name)] if isinstance(names, list) else []
+    )
     if missing:
         raise MissingEffectError(
             f"the model uses {missing[0]!r}, which is no effect of accelcal; if it is one of your own, {LOAD}, or run "
@@ -631,7 +633,7 @@ def enter_effects(model: Any) -> None:
         )
 
 
-def known(name: str) -> bool:
+def is_effect(name: str) -> bool:
     """Whether there is an effect of a name, or `find` makes it."""
     try:
         find(name)

@@ -122,7 +122,7 @@ class DeadReckoning:
     Parameters
     ----------
     values : scale factor and coefficients.
-    known : motion over the whole record as far as it is known: the output's acceleration, effects subtracted.
+    motion : that over the whole record as far as it is known, with the output's acceleration, effects subtracted.
     bare : acceleration that the output implies without effects at the times of `known`, (n,) m/s².
     carried : velocity and position that this acceleration has added since the first time, (n,) m/s and m.
     density : of the noise on acceleration, (m/s²)²/Hz.
@@ -143,7 +143,7 @@ class DeadReckoning:
         self.density, self.lost = density, lost
         self.filters = filters if filters is not None and filters.acts else None
         self.gain = signals.rig.polarity / values.scale
-        self.known = replace(signals, a_corner=signals.a_width, v_corner=signals.v_width)
+        self.motion = replace(signals, a_corner=signals.a_width, v_corner=signals.v_width)
         gravity = signals.gravity
         self.bare = bare
         self.jerk = derivative(bare if isinstance(gravity, float) else bare + gravity, signals.step)
@@ -157,19 +157,19 @@ class DeadReckoning:
         moved = [self.lagging[i] for i in sorted({*following(late, signals, "p"), *following(late, signals, "v")})]
         self.feeds_back = bool(self.followers[0] or self.followers[1] or moved)
         # Differences that slopes are taken on: shares of what a variable changes over.
-        widths = max(float(np.ptp(signals.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
+        widths = max(float(np.ptp(signals.p)), CORNER), 1e3 * self.motion.v_width, 1e3 * self.motion.a_width
         self.small = tuple(SMALL * width for width in widths)
-        self.known_effects = np.asarray(total(self.local, self.known))
-        self.lagged_effects = self.remembered(self.lagging, self.known) if self.lagging else np.empty(0)
+        self.known_effects = np.asarray(total(self.local, self.motion))
+        self.lagged_effects = self.remembered(self.lagging, self.motion) if self.lagging else np.empty(0)
         self.lagging = [
             term for term in self.lagging if self.feeds_back and (term in moved or not looks_ahead(term[0], signals))
         ]
-        self.read_lagged = self.remembered(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
+        self.read_lagged = self.remembered(self.lagging_read, self.motion) if self.lagging_read else np.empty(0)
 
     def remembered(self, terms: Terms, s: Signals) -> Array:
         """Sum of terms with memory at uniform times, behind the filters, (n,)."""
         values = total(terms, s)
-        return values if self.filters is None else self.filters.behind(values, self.known.step)
+        return values if self.filters is None else self.filters.behind(values, self.motion.step)
 
     @property
     def remembers(self) -> bool:
@@ -178,7 +178,7 @@ class DeadReckoning:
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""
-        nodes = horizon / self.known.step + 3.0
+        nodes = horizon / self.motion.step + 3.0
         return batches(count, max(1, int(HELD / nodes)))
 
     def displacement(
@@ -225,7 +225,7 @@ class DeadReckoning:
     @cached_property
     def _along_record(self) -> Paths:
         """The path from the first node over the whole record, (1, n)."""
-        signals, zero = self.known, np.zeros(1)
+        signals, zero = self.motion, np.zeros(1)
         first = Starts(signals.t[:1], signals.p[:1], signals.v[:1], zero, np.zeros((1, 3)))
         paths = Simulation(self, first, float(signals.t[-1] - signals.t[0]), math.inf).run(floor=False)
         whole = [y[:, : len(signals.t)] for y in (paths.t, paths.effects, paths.dv, paths.dp, paths.variance)]
@@ -234,7 +234,11 @@ class DeadReckoning:
     def _shared_displacement(self, starts: Starts, t: Array, limit: float) -> Array:
         """What effects that follow the output alone add to readings at times `t`, (n, k) m: up to its second node each
         path has a way of its own, from there on it is the difference of two places on that over the whole record."""
-        begun, along, signals = Simulation(self, starts, 0.0, math.inf).run(floor=False), self._along_record, self.known
+        begun, along, signals = (
+            Simulation(self, starts, 0.0, math.inf).run(floor=False),
+            self._along_record,
+            self.motion,
+        )
         second = np.minimum(begun.first, len(signals.t) - 1)[:, None]
         node = np.maximum(np.clip(np.searchsorted(signals.t, t, side="right") - 1, 0, len(signals.t) - 2), second)
         ahead = np.minimum(node + 1, len(signals.t) - 1)
@@ -253,7 +257,7 @@ class DeadReckoning:
 
     def _read(self, starts: Starts, paths: Paths, t: Array, dp: Array) -> Array:
         """What effects add to the readings themselves at times `t` of each path, (n, k) m."""
-        signals, read = self.known, np.zeros_like(t)
+        signals, read = self.motion, np.zeros_like(t)
         for i in range(len(t)):
             motion = self._motion_at(starts, paths, i, t[i], dp[i])
             if self.local_read:
@@ -282,16 +286,16 @@ class DeadReckoning:
     def signals(self, t: Array, p: Array, v: Array, a: Array, jerk: Array, side: dict[str, Array]) -> Signals:
         """Signals of simulated motion, (n,) each; spacing, length and widths are those of the whole record."""
         side = {name: y.reshape(-1) for name, y in side.items()}
-        polarity, gravity = self.known.rig.polarity, side.get(GRAVITY, self.known.rig.gravity)
+        polarity, gravity = self.motion.rig.polarity, side.get(GRAVITY, self.motion.rig.gravity)
         return replace(
-            self.known,
+            self.motion,
             t=t,
             p=p,
             v=v,
             a=polarity * (a + gravity),
             jerk=polarity * jerk,
             side=side,
-            whole=self.known,
+            whole=self.motion,
         )
 
 
@@ -309,7 +313,7 @@ class Carried:
     def of(cls, ahead: DeadReckoning, starts: Starts, t: Array, nodes: NDArray[np.intp] | None = None) -> Carried:
         """At times `t`, (n, m) s, which are those of `nodes` if these are given: between them the acceleration is
         straight."""
-        signals = ahead.known
+        signals = ahead.motion
         begin_p, begin_v = ahead_at(ahead, starts.t)
         since = t - starts.t[:, None]
         position, velocity = ahead_at(ahead, t) if nodes is None else (ahead.carried_p[nodes], ahead.carried_v[nodes])
@@ -326,7 +330,7 @@ class Carried:
 
 def ahead_at(ahead: DeadReckoning, t: Array) -> tuple[Array, Array]:
     """Position and velocity that the bare acceleration has added since the first time, at times `t`."""
-    signals, step = ahead.known, ahead.known.step
+    signals, step = ahead.motion, ahead.motion.step
     node = np.clip(((t - signals.t[0]) / step).astype(np.intp), 0, len(signals.t) - 2)
     h = t - signals.t[node]
     b, rise = ahead.bare[node], ahead.bare[node + 1] - ahead.bare[node]
@@ -339,7 +343,7 @@ class Simulation:
     """Paths of several starts while they are simulated, window by window."""
 
     def __init__(self, ahead: DeadReckoning, starts: Starts, horizon: float, limit: float) -> None:
-        self.ahead, self.starts, self.limit, signals = ahead, starts, limit, ahead.known
+        self.ahead, self.starts, self.limit, signals = ahead, starts, limit, ahead.motion
         n, m = len(starts.t), int(horizon / signals.step) + 3
         first = np.searchsorted(signals.t, starts.t, side="right")
         grid = signals.t[0] + signals.step * (first[:, None] + np.arange(m - 1))
@@ -424,14 +428,14 @@ class Simulation:
     def _nodes(self, window: slice) -> NDArray[np.intp] | None:
         """Nodes of the whole record that a window stands for, (n, w); None where it begins with the starts, or reaches
         beyond the record."""
-        if window.start == 0 or int(np.max(self.paths.first)) + window.stop - 2 >= len(self.ahead.known.t):
+        if window.start == 0 or int(np.max(self.paths.first)) + window.stop - 2 >= len(self.ahead.motion.t):
             return None
         return self.paths.first[:, None] + np.arange(window.start - 1, window.stop - 1)
 
     def _along(self, window: slice, y: Array) -> Array:
         """What is known over the whole record, over a window, (n, w)."""
         nodes = self._nodes(window)
-        return np.interp(self.paths.t[:, window], self.ahead.known.t, y) if nodes is None else y[nodes]
+        return np.interp(self.paths.t[:, window], self.ahead.motion.t, y) if nodes is None else y[nodes]
 
     def _bare(self, window: slice) -> Carried:
         """Motion without effects over a window."""
@@ -552,7 +556,7 @@ class Simulation:
 
     def _changes(self, window: slice, motion: Motion) -> Array:
         """What simulated motion has changed in the effects with memory, (n, w) m/s²."""
-        ahead, signals = self.ahead, self.ahead.known
+        ahead, signals = self.ahead, self.ahead.motion
         changes = np.zeros_like(motion[0])
         for i, (first, reference) in enumerate(zip(self.paths.first, self.reference, strict=True)):
             nodes = slice(int(first), int(first) + window.stop - 1)
@@ -573,9 +577,9 @@ class Simulation:
     def _reference(self, i: int) -> Array:
         """Effects with memory along the known motion from a start on, evaluated like those of simulated motion."""
         first = int(self.paths.first[i])
-        before = history(self.ahead.known, first)
+        before = history(self.ahead.motion, first)
         rows = slice(before.start, first + self.paths.t.shape[1] - 1)
-        return self.ahead.remembered(self.ahead.lagging, self.ahead.known.at(rows))[before.stop - before.start :]
+        return self.ahead.remembered(self.ahead.lagging, self.ahead.motion.at(rows))[before.stop - before.start :]
 
     def _keep(self, window: slice, bare: Carried, effects: Array) -> None:
         """Take the effects of a window as solved."""
@@ -691,15 +695,15 @@ def history(signals: Signals, node: int) -> slice:
 def joined(signals: Signals, before: slice, simulated: Signals) -> Signals:
     """Known motion with simulated motion behind it."""
 
-    def one(y: Array, ahead: Array) -> Array:
+    def continued(y: Array, ahead: Array) -> Array:
         return np.concatenate([y[before], ahead])
 
     return replace(
         simulated,
-        t=one(signals.t, simulated.t),
-        p=one(signals.p, simulated.p),
-        v=one(signals.v, simulated.v),
-        a=one(signals.a, simulated.a),
-        jerk=one(signals.jerk, simulated.jerk),
-        side={name: one(y, simulated.side[name]) for name, y in signals.side.items()},
+        t=continued(signals.t, simulated.t),
+        p=continued(signals.p, simulated.p),
+        v=continued(signals.v, simulated.v),
+        a=continued(signals.a, simulated.a),
+        jerk=continued(signals.jerk, simulated.jerk),
+        side={name: continued(y, simulated.side[name]) for name, y in signals.side.items()},
     )

@@ -513,7 +513,7 @@ class Comparison(Result):
     names: tuple[str, ...]
     """Name of each model, no two alike."""
     recordings: tuple[str, ...]
-    seen: tuple[tuple[Evaluation, ...], ...]
+    evaluations: tuple[tuple[Evaluation, ...], ...]
     """For each recording the evaluation of each model."""
     same_run: bool = False
     """A recording belongs to a fitted run: set-up and slow-drift errors cannot show."""
@@ -526,7 +526,7 @@ class Comparison(Result):
 
     def __getitem__(self, number: int) -> Evaluation:
         """Return the evaluation of one model over all recordings; its curves are those of the first."""
-        return pooled([evaluations[number] for evaluations in self.seen])
+        return pooled([evaluations[number] for evaluations in self.evaluations])
 
     def __iter__(self) -> Iterator[Evaluation]:
         return (self[number] for number in range(len(self)))
@@ -553,9 +553,9 @@ class Comparison(Result):
         if name == "error_reduction":
             drawn: Figure = face("plots").error_reduction(self, theme=theme)
         elif name == "overlay" and len(self) > 1:
-            drawn = face("plots").overlay(list(zip(self.names, self.seen[0], strict=True)), theme=theme)
+            drawn = face("plots").overlay(list(zip(self.names, self.evaluations[0], strict=True)), theme=theme)
         else:
-            drawn = self.seen[0][-1].plot(name, theme=theme)
+            drawn = self.evaluations[0][-1].plot(name, theme=theme)
         return drawn
 
     @property
@@ -566,7 +566,10 @@ class Comparison(Result):
     @property
     def paired_horizon(self) -> float | None:
         """Longest horizon, s, at which every recording has enough stretches, or all together; None: one-step errors."""
-        counts = {h: [stretch_count(evaluations[0], h) for evaluations in self.seen] for h in self.seen[0][0].drifts}
+        counts = {
+            h: [stretch_count(evaluations[0], h) for evaluations in self.evaluations]
+            for h in self.evaluations[0][0].drifts
+        }
         alone = [h for h, stretches in counts.items() if min(stretches) >= LEAST_STRETCHES]
         together = [h for h, stretches in counts.items() if sum(stretches) >= LEAST_STRETCHES]
         return max(alone, default=max(together, default=None))
@@ -578,11 +581,11 @@ class Comparison(Result):
 
     def _difference(self, k: int) -> ModelDifference:
         several = self._stretches(k, self.paired_horizon)
-        alone = [systematic_change(row[0].resolved, row[k].resolved) for row in self.seen]
+        alone = [systematic_change(row[0].resolved, row[k].resolved) for row in self.evaluations]
         together = systematic_change(self[0].resolved, self[k].resolved)
         if together is None or verdict_of(together) == "undecided":  # a recording may be too short for it
             together, alone = None, [None for _ in alone]
-        every = [change_over(self._stretches(k, h)) for h in sorted(self.seen[0][0].drifts)]
+        every = [change_over(self._stretches(k, h)) for h in sorted(self.evaluations[0][0].drifts)]
         return ModelDifference(
             self.names[k],
             self.names[0],
@@ -596,12 +599,12 @@ class Comparison(Result):
 
     def _stretches(self, k: int, horizon: float | None) -> list[PairedStretches | None]:
         """Errors of one model and of the first, for each recording."""
-        return [paired_stretches(evaluations[0], evaluations[k], horizon) for evaluations in self.seen]
+        return [paired_stretches(evaluations[0], evaluations[k], horizon) for evaluations in self.evaluations]
 
     @property
     def headline(self) -> Measure:
         """The error that is quoted."""
-        return Measure.of([evaluation for evaluations in self.seen for evaluation in evaluations])
+        return Measure.of([evaluation for evaluations in self.evaluations for evaluation in evaluations])
 
     @property
     def errors(self) -> tuple[float, ...]:

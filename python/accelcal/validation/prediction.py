@@ -226,7 +226,7 @@ class Prediction(DrivenRun):
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
-        self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
+        self.nodes_apart = self.ahead.motion.step if self.ahead is not None and self.ahead.remembers else 0.0
         """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
         none is."""
 

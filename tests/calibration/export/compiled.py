@@ -77,35 +77,35 @@ RUST_CASE = """\
 """
 
 
-def c_program(folder: Path, made: Sequence[Calibration], *flags: str, compiler: str = "cc") -> Path:
+def c_program(folder: Path, calibrations: Sequence[Calibration], *flags: str, compiler: str = "cc") -> Path:
     """Compile headers into one program; any warning fails."""
-    for i, calibration in enumerate(made):
+    for i, calibration in enumerate(calibrations):
         (folder / f"m{i}.h").write_text(header(calibration, f"m{i}.h"))
-    return c_build(folder, made, *flags, compiler=compiler)
+    return c_build(folder, calibrations, *flags, compiler=compiler)
 
 
-def c_build(folder: Path, made: Sequence[Calibration], *flags: str, compiler: str = "cc") -> Path:
+def c_build(folder: Path, calibrations: Sequence[Calibration], *flags: str, compiler: str = "cc") -> Path:
     """Compile the headers m0.h, m1.h, ... that a folder holds."""
     cases = [
         C_CASE.format(double=2 * i, single=2 * i + 1, i=i, warm=", in[1]" * warm, warm_f=", (float)in[1]" * warm)
-        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in made)
+        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in calibrations)
     ]
-    includes = "\n".join(f'#include "m{i}.h"' for i in range(len(made)))
+    includes = "\n".join(f'#include "m{i}.h"' for i in range(len(calibrations)))
     (folder / "main.c").write_text(C_MAIN.format(includes=includes, cases="".join(cases)))
     return _built([compiler, *(flags or STRICT), "main.c", "-o", "from_c"], folder / "from_c")
 
 
-def rust_program(folder: Path, made: Sequence[Calibration]) -> Path:
+def rust_program(folder: Path, calibrations: Sequence[Calibration]) -> Path:
     """Compile modules into one program; any warning fails, and so does a failing test vector."""
-    for i, calibration in enumerate(made):
+    for i, calibration in enumerate(calibrations):
         (folder / f"m{i}.rs").write_text(module(calibration))
     cases = [
         RUST_CASE.format(
             double=2 * i, single=2 * i + 1, i=i, warm=", temperature" * warm, warm_f=", temperature as f32" * warm
         )
-        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in made)
+        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in calibrations)
     ]
-    modules = "\n".join(f"mod m{i};" for i in range(len(made)))
+    modules = "\n".join(f"mod m{i};" for i in range(len(calibrations)))
     (folder / "main.rs").write_text(RUST_MAIN.format(modules=modules, cases="".join(cases)))
     return _built(
         ["rustc", "--edition", "2021", "-D", "warnings", "-O", "main.rs", "-o", "from_rust"], folder / "from_rust"

@@ -244,22 +244,22 @@ def on_device(folder: Path, language: str, optimise: str = "-Os") -> Report:
     if language == "c":
         run([*arm, "-c", "cal.c", "-o", "filter.o"], folder)
     else:
-        found = build.toolchain()
-        assert found is not None
+        result = build.toolchain()
+        assert result is not None
         options = ["--edition", "2021", "--crate-type", "staticlib", "-D", "warnings", "-C", "opt-level=3"]
         options += ["-C", "panic=abort", "--target", build.TARGET, "-o", "filter.o"]
-        run([found[1], *options, "lib.rs"], folder)
+        run([result[1], *options, "lib.rs"], folder)
     linked = ["-nostdlib", "-Wl,-z,noexecstack,--gc-sections", "-T", "memory.x", "device.c", "filter.o", "-lgcc"]
     linked += ["-o", "device.elf"]
     run([*arm, "-fno-tree-loop-distribute-patterns", *linked], folder)
     command = [build.EMULATOR, "-M", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none"]
     command += ["-icount", "shift=10,sleep=off", "-semihosting-config", "enable=on,target=native"]
-    said = {
+    parts = {
         name: int(value, 16)
         for name, value in map(str.split, run([*command, "-kernel", "device.elf"], folder).splitlines())
     }
-    counts = [said[name] / TICKS_PER_INSTRUCTION for name in ("without", "with", "total")]
-    return Report(said["digest"], said["refused"], counts[0], counts[1], counts[2] / STEPS)
+    counts = [parts[name] / TICKS_PER_INSTRUCTION for name in ("without", "with", "total")]
+    return Report(parts["digest"], parts["refused"], counts[0], counts[1], counts[2] / STEPS)
 
 
 def run(command: list[str], folder: Path) -> str:
@@ -307,12 +307,12 @@ void estimates({kind} *y)
 def estimates_after(library: ctypes.CDLL, rows: np.ndarray, checks: tuple[int, ...], parameters: int) -> np.ndarray:
     """Estimates and variances after some of the rows, (checks, 2, m)."""
     library.begin()
-    last, found = 0, []
+    last, result = 0, []
     for n in checks:
         part = np.ascontiguousarray(rows[last:n])
         assert library.rows(part.ctypes.data_as(ctypes.c_void_p), len(part)) == 0
         y = np.zeros((2, parameters), dtype=rows.dtype)
         library.estimates(y.ctypes.data_as(ctypes.c_void_p))
-        found.append(y.astype(np.float64))
+        result.append(y.astype(np.float64))
         last = n
-    return np.array(found)
+    return np.array(result)

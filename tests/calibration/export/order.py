@@ -45,12 +45,12 @@ def require_order(text):
     """Every element has its children in this order, and every kind of element is there; equipment may be missing."""
     root = ET.fromstring(text)
     assert root.get("schemaVersion") == "3.2.1"
-    seen = set()
+    names = set()
     for node in root.iter():
         name = str(node.tag).removeprefix(DCC)
         if name in ORDER:
-            seen.add(name)
+            names.add(name)
             children = [str(child.tag).removeprefix(DCC) for child in node if isinstance(child.tag, str)]
             expected = [c for c in ORDER[name] if c in children or c not in OPTIONAL.get(name, ())]
             assert [c for c in children if c in ORDER[name]] == expected, name
-    assert seen | {"measuringEquipment"} == set(ORDER)
+    assert names | {"measuringEquipment"} == set(ORDER)

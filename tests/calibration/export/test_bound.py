@@ -53,17 +53,17 @@ def off(fit, code, reading, T):
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(fits())
 def test_no_reading_inside_the_range_is_off_by_more_than_the_bound(fit):
-    made = calibrate(fit)
+    calibration = calibrate(fit)
     rng = np.random.default_rng(1)
-    for code in made.codes:
+    for code in calibration.codes:
         reading, T = readings(code, rng)
         assert off(fit, code, reading, T) <= code.bound
-    a = max(abs(x) for x in made.domain.acceleration)
+    a = max(abs(x) for x in calibration.domain.acceleration)
     zero = fit.rig.sensor.zero or 0.0
     # What a reading on a high zero costs is known: its own rounding, in m/s².
     size = a + abs(zero / (fit.rig.sensor.scale or 1.0))
-    assert made.double.bound < 60 * 2.0**-53 * size
-    assert made.single.bound < 60 * 2.0**-24 * size
+    assert calibration.double.bound < 60 * 2.0**-53 * size
+    assert calibration.single.bound < 60 * 2.0**-24 * size
 
 
 def test_temperature_is_followed_to_roundoff_where_the_characteristic_is_flat():
@@ -84,9 +84,9 @@ def test_the_bound_is_not_a_multiple_of_what_is_seen(values):
 
 def test_a_wrong_coefficient_has_a_larger_bound_or_none():
     fit = fit_of(CUBIC)
-    made = calibrate(fit)
-    (branch,) = _branches(made.own, fit.rig.sensor, made.domain, None)
-    (segment,) = made.double.inverse.segments
+    calibration = calibrate(fit)
+    (branch,) = _branches(calibration.characteristic, fit.rig.sensor, calibration.domain, None)
+    (segment,) = calibration.double.inverse.segments
     margin = MARGIN * (branch.high - branch.low)
     honest = approximation(segment, branch, margin, Fraction(0), Fraction(0))
     for row in range(4):
@@ -114,10 +114,10 @@ def test_chebyshev_coefficients_are_those_of_the_same_polynomial():
 
 def test_at_the_reference_temperature_it_is_the_report_s_worked_example():
     fit = fit_of(WARM, temperature=(15.0, 40.0))
-    made = calibrate(fit)
+    calibration = calibrate(fit)
     for output in (-12.0, 0.0, 3.7, 14.0):
         reading = VOLTS.zero + VOLTS.scale * output
-        a, outside = evaluate(made.double.inverse, np.array([reading]), np.array([REFERENCE]))
+        a, outside = evaluate(calibration.double.inverse, np.array([reading]), np.array([REFERENCE]))
         assert outside[0] == 0
         assert a[0] == pytest.approx(
             apply(fit, output).acceleration, abs=1e-12

@@ -47,8 +47,8 @@ name = "Air-bearing stage"
 
 
 def certificate(laboratory=Laboratory(), uncertainty=DECLARED, sensor=VOLTS):  # noqa: B008  (frozen)
-    made = calibrate(fit_of(VALUES, temperature=(15.0, 40.0), uncertainty=uncertainty, sensor=sensor))
-    return made, draft(made, laboratory)
+    calibration = calibrate(fit_of(VALUES, temperature=(15.0, 40.0), uncertainty=uncertainty, sensor=sensor))
+    return calibration, draft(calibration, laboratory)
 
 
 def filled(tmp_path, text=LAB):
@@ -76,8 +76,8 @@ def test_elements_stand_in_the_order_of_the_schema():
 
 
 def test_values_and_expanded_uncertainties_are_those_of_the_budget():
-    made, found = certificate()
-    root = ET.fromstring(found.text)
+    calibration, result = certificate()
+    root = ET.fromstring(result.text)
     stated = {}
     for quantity in root.iter(f"{DCC}quantity"):
         real = quantity.find(f"{SI}real")
@@ -95,7 +95,7 @@ def test_values_and_expanded_uncertainties_are_those_of_the_budget():
                 "coverageFactor",
                 "coverageProbability",
             ]
-    lines = {line.estimate.name: line for line in budget(made.fit).lines}
+    lines = {line.estimate.name: line for line in budget(calibration.fit).lines}
     bias, k, thermal = (lines[name] for name in ("bias", "scale_factor", "temperature_scale"))
     assert stated["bias (K0)"] == (0.05, r"\metre\second\tothe{-2}", bias.expanded)
     assert stated["scale_factor (k)"] == (0.01, r"\one", k.expanded)
@@ -106,31 +106,31 @@ def test_values_and_expanded_uncertainties_are_those_of_the_budget():
     assert sensitivity[2] == pytest.approx(0.0255 * k.expanded, rel=1e-15)
     assert stated["zero-g output"][0] == pytest.approx(2.5 + 0.0255 * 0.05, rel=1e-15)
     assert stated["largest temperature"] == (40.0, r"\degreecelsius", None)
-    assert "the thermometer is taken as exact" in found.text
-    assert "time_offset belongs to timing" in found.text
-    assert "time_offset (" not in found.text
+    assert "the thermometer is taken as exact" in result.text
+    assert "time_offset belongs to timing" in result.text
+    assert "time_offset (" not in result.text
 
 
 def test_what_is_missing_is_listed_and_marked():
-    _, found = certificate(uncertainty=Uncertainty(level=1e-3), sensor=Sensor(scale=-0.02, scale_unit="V"))
+    _, result = certificate(uncertainty=Uncertainty(level=1e-3), sensor=Sensor(scale=-0.02, scale_unit="V"))
     keys = [*(entry.key for entry in ENTRIES), "equipment.name"]
     lacking = ["sensor.model", "sensor.serial", "uncertainty.encoder_scale", "uncertainty.misalignment"]
-    assert list(found.missing) == [*keys, *lacking]
-    assert f"Missing: {', '.join(found.missing)}" in found.text
+    assert list(result.missing) == [*keys, *lacking]
+    assert f"Missing: {', '.join(result.missing)}" in result.text
     for key in [*keys, "sensor.serial"]:
-        assert f"<!-- MISSING: {key} -->" in found.text
-    assert "expandedUnc" not in found.text
-    assert "withheld until these are declared: uncertainty.encoder_scale, uncertainty.misalignment" in found.text
+        assert f"<!-- MISSING: {key} -->" in result.text
+    assert "expandedUnc" not in result.text
+    assert "withheld until these are declared: uncertainty.encoder_scale, uncertainty.misalignment" in result.text
 
 
 def test_a_declared_certificate_lacks_nothing(tmp_path):
-    _, found = certificate(filled(tmp_path))
-    assert found.missing == ()
-    assert "MISSING" not in found.text
+    _, result = certificate(filled(tmp_path))
+    assert result.missing == ()
+    assert "MISSING" not in result.text
     for text in ("2026-0042", "2026-11-20", "Braunschweig", "A. Metrologist", "Customer Ltd", "that PTB calibrated"):
-        assert text in found.text
-    require_order(found.text)
-    pieces = ET.fromstring(found.text).findall(f".//{DCC}measuringEquipment")
+        assert text in result.text
+    require_order(result.text)
+    pieces = ET.fromstring(result.text).findall(f".//{DCC}measuringEquipment")
     assert [piece.findtext(f"{DCC}name/{DCC}content") for piece in pieces] == ["Linear encoder", "Air-bearing stage"]
     marks = pieces[0].findall(f".//{DCC}identification")
     assert [[child.text for child in mark][:2] for mark in marks] == [
@@ -138,11 +138,11 @@ def test_a_declared_certificate_lacks_nothing(tmp_path):
         ["other", "PTB 5.12-4099"],
     ]
     assert pieces[1].find(f"{DCC}identifications") is None
-    assert "DRAFT: not signed, not accredited" in found.text
+    assert "DRAFT: not signed, not accredited" in result.text
 
 
 @pytest.mark.parametrize(
-    ("was", "now", "said"),
+    ("was", "now", "message"),
     [
         ('country = "DE"', 'country = "Germany"', "certificate.country: found 'Germany', expected two capital letters"),
         (
@@ -159,10 +159,10 @@ def test_a_declared_certificate_lacks_nothing(tmp_path):
         ('serial = "73"', "serial = 73", "equipment.serial: found 73, expected a text"),
     ],
 )
-def test_a_mistake_in_the_laboratory_s_file_is_named(tmp_path, was, now, said):
+def test_a_mistake_in_the_laboratory_s_file_is_named(tmp_path, was, now, message):
     with pytest.raises(LaboratoryError) as caught:
         filled(tmp_path, LAB.replace(was, now))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "lab.toml" in str(caught.value)
 
 
@@ -174,8 +174,8 @@ def test_hostile_names_stay_text():
 
 
 def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
-    made, _ = certificate()
-    assert {quantity.unit for quantity in quantities(made)} <= set(UNITS)
+    calibration, _ = certificate()
+    assert {quantity.unit for quantity in quantities(calibration)} <= set(UNITS)
     static = {"bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic", "cubic"}
     assert {e.unit for e in BUILT_IN if e.name in static or e.name in ("temperature_bias", "temperature_scale")} <= set(
         UNITS
@@ -183,9 +183,9 @@ def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
 
 
 def test_counts_are_certified_too():
-    made, found = certificate(sensor=Sensor(scale=104.4, scale_unit="count", zero=2048.0))
-    assert "sensitivity" in [quantity.name for quantity in quantities(made)]
-    assert r"\metre\tothe{-1}\second\tothe{2}" in found.text
+    calibration, result = certificate(sensor=Sensor(scale=104.4, scale_unit="count", zero=2048.0))
+    assert "sensitivity" in [quantity.name for quantity in quantities(calibration)]
+    assert r"\metre\tothe{-1}\second\tothe{2}" in result.text
 
 
 @pytest.mark.parametrize("declared", [True, False])

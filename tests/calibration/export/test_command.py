@@ -30,21 +30,21 @@ def folder(tmp_path_factory):
 def test_everything_is_written_from_one_calibration(folder):
     done = accelcal("export", "m.json", "--c", "s.h", "--rust", "s.rs", "--dcc", "d.xml", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    made = calibrate(model_file.load(folder / "m.json"), source="m.json")
+    calibration = calibrate(model_file.load(folder / "m.json"), source="m.json")
     content = json.loads(done.stdout)
-    assert content == results_json.content(made)
+    assert content == results_json.content(calibration)
     assert content["schema"] == "accelcal/export/5"
-    assert (folder / "s.h").read_text() == header(made, "s.h")
-    assert (folder / "s.rs").read_text() == module(made)
+    assert (folder / "s.h").read_text() == header(calibration, "s.h")
+    assert (folder / "s.rs").read_text() == module(calibration)
     assert "d.xml is a draft; missing: certificate.identifier" in done.stderr
     assert not list(folder.glob(".*.part"))
 
 
 def test_json_holds_every_number_of_the_code_exactly(folder):
-    made = calibrate(model_file.load(folder / "m.json"))
-    content = json.loads(made.to_json())
-    again = Calibration.from_json(made.to_json())
-    for key, code, read in (("double", made.double, again.double), ("single", made.single, again.single)):
+    calibration = calibrate(model_file.load(folder / "m.json"))
+    content = json.loads(calibration.to_json())
+    again = Calibration.from_json(calibration.to_json())
+    for key, code, read in (("double", calibration.double, again.double), ("single", calibration.single, again.single)):
         held = content[key]
         assert read == code
         assert [tuple(map(tuple, s["coefficients"])) for s in held["proven"]["inverse"]["segments"]] == [
@@ -52,7 +52,7 @@ def test_json_holds_every_number_of_the_code_exactly(folder):
         ]
         assert held["bound"] == code.bound
         assert [e["acceleration"] for e in held["vector"]] == [e.acceleration for e in code.vector]
-    assert [*content["own"]["coefficients"]] == ["bias", "scale_factor", "cubic"]
+    assert [*content["characteristic"]["coefficients"]] == ["bias", "scale_factor", "cubic"]
 
 
 def test_what_is_left_out_is_said(folder):
@@ -64,7 +64,7 @@ def test_what_is_left_out_is_said(folder):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (["m.json"], 2, "nothing to write"),
         (["m.json", "--c", "x.h", "--schema", "dcc.xsd"], 2, "add --dcc draft.xml"),
@@ -80,10 +80,10 @@ def test_what_is_left_out_is_said(folder):
         (["m.json", "--c", "x.h", "--without", "creep"], 3, "'creep' is not among what cannot be exported"),
     ],
 )
-def test_mistakes_end_in_one_sentence_and_write_nothing(folder, arguments, code, said):
+def test_mistakes_end_in_one_sentence_and_write_nothing(folder, arguments, code, message):
     done = accelcal("export", *arguments, cwd=folder)
     assert done.returncode == code, done.stderr
-    assert said in " ".join(done.stderr.split())
+    assert message in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr
     assert not list(folder.glob("x.*"))
 

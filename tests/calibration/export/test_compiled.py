@@ -37,36 +37,36 @@ def same_bits(first, second):
     return np.array_equal(np.asarray(first, dtype="<f8").view("<i8"), np.asarray(second, dtype="<f8").view("<i8"))
 
 
-def check(program, fit_list, made, count=400):
+def check(program, fit_list, calibrations, count=400):
     """Bits and bound of every model in both formats."""
     rng = np.random.default_rng(3)
-    for i, (fit, calibration) in enumerate(zip(fit_list, made, strict=True)):
+    for i, (fit, calibration) in enumerate(zip(fit_list, calibrations, strict=True)):
         for which, code in enumerate(calibration.codes):
             reading, T = spread(code, rng, count)
-            found = run(program, 2 * i + which, reading, T)
+            outcome = run(program, 2 * i + which, reading, T)
             with np.errstate(invalid="ignore"):
                 a, outside = evaluate(code.inverse, reading, T)
-            assert np.array_equal(found[:, 1], outside)
+            assert np.array_equal(outcome[:, 1], outside)
             nan = np.isnan(a)
-            assert np.array_equal(np.isnan(found[:, 0]), nan)
-            assert same_bits(found[~nan, 0], a[~nan])
-            assert not found[:, 2].any()
-            for x, y, t in zip(found[outside == 0, 0][:40], reading[outside == 0], T[outside == 0], strict=False):
+            assert np.array_equal(np.isnan(outcome[:, 0]), nan)
+            assert same_bits(outcome[~nan, 0], a[~nan])
+            assert not outcome[:, 2].any()
+            for x, y, t in zip(outcome[outside == 0, 0][:40], reading[outside == 0], T[outside == 0], strict=False):
                 assert abs(Decimal(float(x)) - exact(fit, float(y), float(t), float(x))) <= code.bound
 
 
 @settings(max_examples=3, **NO_WARNINGS)
 @given(st.lists(fits(), min_size=5, max_size=5))
 def test_c_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
-    made = [calibrate(fit) for fit in drawn]
-    check(c_program(tmp_path_factory.mktemp("c"), made, *STRICT, *FIRMWARE), drawn, made)
+    calibrations = [calibrate(fit) for fit in drawn]
+    check(c_program(tmp_path_factory.mktemp("c"), calibrations, *STRICT, *FIRMWARE), drawn, calibrations)
 
 
 @settings(max_examples=2, **NO_WARNINGS)
 @given(st.lists(fits(), min_size=5, max_size=5))
 def test_rust_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
-    made = [calibrate(fit) for fit in drawn]
-    check(rust_program(tmp_path_factory.mktemp("rust"), made), drawn, made)
+    calibrations = [calibrate(fit) for fit in drawn]
+    check(rust_program(tmp_path_factory.mktemp("rust"), calibrations), drawn, calibrations)
 
 
 @pytest.fixture(scope="module")
@@ -76,14 +76,14 @@ def warm():
 
 
 def test_fused_operations_keep_the_bound_and_pass_the_self_test(tmp_path, warm):
-    fit, made = warm
-    program = c_program(tmp_path, [made], "-std=gnu99", "-O3", "-march=native", "-ffp-contract=fast")
+    fit, calibration = warm
+    program = c_program(tmp_path, [calibration], "-std=gnu99", "-O3", "-march=native", "-ffp-contract=fast")
     rng = np.random.default_rng(4)
-    for which, code in enumerate(made.codes):
+    for which, code in enumerate(calibration.codes):
         reading, T = spread(code, rng, 200)
-        found = run(program, which, reading, T)
-        assert not found[:, 2].any()
-        rows = zip(found[found[:, 1] == 0, 0], reading[found[:, 1] == 0], T[found[:, 1] == 0], strict=True)
+        outcome = run(program, which, reading, T)
+        assert not outcome[:, 2].any()
+        rows = zip(outcome[outcome[:, 1] == 0, 0], reading[outcome[:, 1] == 0], T[outcome[:, 1] == 0], strict=True)
         for x, y, t in rows:
             assert abs(Decimal(float(x)) - exact(fit, float(y), float(t), float(x))) <= code.bound
 
@@ -107,9 +107,9 @@ def test_fast_math_and_its_parts_are_refused(tmp_path, warm):
 
 
 def test_two_headers_of_any_name_live_in_one_file(tmp_path):
-    made = calibrate(fit_of(CUBIC))
+    calibration = calibrate(fit_of(CUBIC))
     for name in ("int.h", "3 axis-x.h", "Ünï.h", "--.h"):
-        text = header(made, name)
+        text = header(calibration, name)
         (tmp_path / "one.h").write_text(text)
         (tmp_path / "main.c").write_text('#include "one.h"\n#include "one.h"\nint main(void) { return 0; }\n')
         subprocess.run(["cc", *STRICT, "main.c", "-o", "main"], cwd=tmp_path, check=True, timeout=60)
@@ -119,9 +119,9 @@ def test_a_name_that_ends_a_comment_or_a_line_does_no_harm(tmp_path):
     from dataclasses import replace
 
     hostile = replace(SENSORS[1], model="*/ #error x\n#error y", serial="µ²\n//! z")
-    made = calibrate(fit_of(CUBIC, sensor=hostile))
-    check(c_program(tmp_path, [made]), [made.fit], [made], count=20)
-    check(rust_program(tmp_path, [made]), [made.fit], [made], count=20)
+    calibration = calibrate(fit_of(CUBIC, sensor=hostile))
+    check(c_program(tmp_path, [calibration]), [calibration.fit], [calibration], count=20)
+    check(rust_program(tmp_path, [calibration]), [calibration.fit], [calibration], count=20)
 
 
 def numbers(text, pattern, begin, end):
@@ -130,28 +130,28 @@ def numbers(text, pattern, begin, end):
 
 
 def test_a_changed_number_fails_the_self_test_of_c(tmp_path, warm):
-    _, made = warm
-    c_program(tmp_path, [made])
+    _, calibration = warm
+    c_program(tmp_path, [calibration])
     text = (tmp_path / "m0.h").read_text()
     every = numbers(text, r"-?0x[0-9a-f.]+p[+-]\d+", "unsigned m0_acceleration(", "unsigned m0_acceleration_f(")
-    found = [m for m in every if abs(float.fromhex(m[0])) > 1e-3]
-    assert len(found) > 12
-    for match in found:
+    results = [m for m in every if abs(float.fromhex(m[0])) > 1e-3]
+    assert len(results) > 12
+    for match in results:
         # A joint may move a little where both polynomials agree; every other number may not.
         joint = "start[" in text[: match.start()].rpartition("\n")[2]
         wrong = (float.fromhex(match[0]) * (1.0 + (5e-3 if joint else 1e-9))).hex()
         (tmp_path / "m0.h").write_text(text[: match.start()] + wrong + text[match.end() :])
-        program = c_build(tmp_path, [made])
+        program = c_build(tmp_path, [calibration])
         assert run(program, 0, np.array([2.5]), np.array([20.0]))[0, 2] > 0, match[0]
 
 
 def test_a_changed_number_does_not_compile_in_rust(tmp_path, warm):
     text = module(warm[1])
     every = numbers(text, r"f64::from_bits\((0x[0-9a-f_]+)\)", "fn acceleration(", "fn acceleration_f32(")
-    found = [(m, int(m[1].replace("_", ""), 16)) for m in every]
-    found = [(m, bits) for m, bits in found if abs(np.array([bits], dtype=np.uint64).view(np.float64)[0]) > 1e-3]
-    assert len(found) > 12
-    for match, bits in found[:: len(found) // 4]:
+    results = [(m, int(m[1].replace("_", ""), 16)) for m in every]
+    results = [(m, bits) for m, bits in results if abs(np.array([bits], dtype=np.uint64).view(np.float64)[0]) > 1e-3]
+    assert len(results) > 12
+    for match, bits in results[:: len(results) // 4]:
         wrong = f"f64::from_bits(0x{bits ^ (1 << 45):016x})"
         (tmp_path / "m.rs").write_text(text[: match.start()] + wrong + text[match.end() :])
         command = ["rustc", "--edition", "2021", "--crate-type", "lib", "--emit", "metadata", "m.rs"]
@@ -163,8 +163,8 @@ def test_a_changed_number_does_not_compile_in_rust(tmp_path, warm):
 def test_clippy_has_nothing_to_say(tmp_path, warm):
     if shutil.which("clippy-driver") is None:
         pytest.skip("clippy is not installed: rustup component add clippy")
-    for made in (warm[1], calibrate(fit_of(CUBIC))):
-        (tmp_path / "m.rs").write_text(module(made))
+    for calibration in (warm[1], calibrate(fit_of(CUBIC))):
+        (tmp_path / "m.rs").write_text(module(calibration))
         command = ["clippy-driver", "--edition", "2021", "--crate-type", "lib", "-D", "warnings"]
         command += ["-W", "clippy::pedantic", "m.rs"]  # as firmware is often checked
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from accelcal._support.errors import AccelcalError
-from accelcal.calibration.export import calibrate, header
-from accelcal.calibration.export import filter as export
+from accelcal.calibration.export import calibrate, filter as export, header
 from accelcal.calibration.export.calibration import NotExportable
 from accelcal.calibration.export.filter import filter_files, program, replayed, with_held_as_states
 from accelcal.calibration.export.symbols import FORMATS
@@ -84,13 +83,13 @@ def filter_of(model: Model, rig: Rig = LEVEL, *, rate: float = 1667.0, **others:
 
 def distances(folder, live: Callable[[], LiveModel], precision: str, checks=CHECKS) -> tuple[float, float]:
     """Largest distance of estimates and of standard deviations from the live filter's, in the latter."""
-    made, fmt = program(live(), precision), FORMATS[precision]
-    replay = replayed(made)
-    library = compiled(folder, len(made.free), replay.arguments.shape[1], fmt.c)
+    program_of, fmt = program(live(), precision), FORMATS[precision]
+    replay = replayed(program_of)
+    library = compiled(folder, len(program_of.free), replay.arguments.shape[1], fmt.c)
     rows = replay.arguments.astype(np.float32 if precision == "f32" else np.float64)
-    found = estimates_after(library, rows, checks, len(made.free))
-    spread = np.abs(np.sqrt(found[:, 1]) / replay.std - 1.0)
-    return float(np.max(np.abs(found[:, 0] - replay.values) / replay.std)), float(np.max(spread))
+    result = estimates_after(library, rows, checks, len(program_of.free))
+    spread = np.abs(np.sqrt(result[:, 1]) / replay.std - 1.0)
+    return float(np.max(np.abs(result[:, 0] - replay.values) / replay.std)), float(np.max(spread))
 
 
 @pytest.mark.outside
@@ -349,13 +348,13 @@ def test_a_watch_on_a_device_has_the_bits_of_the_host_and_a_known_cost(tmp_path)
 
 
 def test_what_cannot_be_watched_is_refused_by_name():
-    for name, said in (
+    for name, message in (
         ("cubic_jerk_that_is_none", "cubic_jerk_that_is_none"),
         ("noise", "noise"),
         ("quadratic", "quadratic cannot be watched: the model has it already"),
         ("hysteresis", "hysteresis cannot be watched: it has shape parameters"),
     ):
-        with pytest.raises(AccelcalError, match=said):
+        with pytest.raises(AccelcalError, match=message):
             filter_of(with_effects("quadratic"), watch=(name,))
 
 
@@ -570,7 +569,7 @@ def test_a_formula_is_exported_whatever_its_name(tmp_path, name):
 
 
 def test_what_cannot_be_traced_is_refused_by_name(monkeypatch):
-    for function, said in (
+    for function, message in (
         (lambda s: s.v if s.v[0] > 0.0 else -s.v, "decides by a value that only the running program knows"),
         (lambda s: np.log(s.v), "uses log, which exported code does not have"),
         (lambda s: s.v**2.5, "uses a power that is no small whole number"),
@@ -579,14 +578,14 @@ def test_what_cannot_be_traced_is_refused_by_name(monkeypatch):
         other = dataclasses.replace(live._parts[-1].effect)
         object.__setattr__(other, "function", function)  # as one of accelcal, which nothing guards
         live._parts = [*live._parts[:-1], dataclasses.replace(live._parts[-1], effect=other)]
-        with pytest.raises(NotExportable, match=f"^velocity {said}"):
+        with pytest.raises(NotExportable, match=f"^velocity {message}"):
             program(live, "f32")
 
 
-@pytest.mark.parametrize(("settings", "said"), [({"order": 2}, "first order"), ({"q": 0.0}, "noise of output")])
-def test_a_setting_that_a_device_has_not_is_refused(settings, said):
+@pytest.mark.parametrize(("settings", "message"), [({"order": 2}, "first order"), ({"q": 0.0}, "noise of output")])
+def test_a_setting_that_a_device_has_not_is_refused(settings, message):
     given = {"rate": 100.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0} | settings
-    with pytest.raises(NotExportable, match=said):
+    with pytest.raises(NotExportable, match=message):
         program(LiveModel(Model.linear(), LEVEL, **given), "f32")
 
 

@@ -35,32 +35,34 @@ def test_every_other_effect_is_left_out_or_refused_by_its_owner(effect):
         with pytest.raises(NotExportable, match=rf"^{effect.name} ") as caught:
             calibrate(fit)
         assert f"--without {effect.name}" in str(caught.value)
-        made = calibrate(fit, without=[effect.name])
-        assert "left out by request" in next(missing.why for missing in made.left_out if missing.effect == effect.name)
+        calibration = calibrate(fit, without=[effect.name])
+        assert "left out by request" in next(
+            missing.why for missing in calibration.left_out if missing.effect == effect.name
+        )
     else:
-        made = calibrate(fit)
+        calibration = calibrate(fit)
     plain = calibrate(fit_of(BASE, temperature=(15.0, 40.0)))
-    assert made.double.inverse == plain.double.inverse
-    absent = [missing.effect for missing in made.left_out]
+    assert calibration.double.inverse == plain.double.inverse
+    absent = [missing.effect for missing in calibration.left_out]
     assert absent == ["time_offset", effect.name]
-    assert f"{effect.name} " in header(made, "sensor.h")
-    assert f"{effect.name} " in module(made)
+    assert f"{effect.name} " in header(calibration, "sensor.h")
+    assert f"{effect.name} " in module(calibration)
 
 
 def test_every_exported_effect_changes_the_function():
     plain = calibrate(fit_of(BASE, temperature=(15.0, 40.0))).double.inverse
     for name in EXPORTED - {"bias", "scale_factor", "saturation"}:
-        made = calibrate(fit_of({**BASE, name: 1e-4}, temperature=(15.0, 40.0)))
-        assert made.double.inverse != plain, name
-        assert name not in [missing.effect for missing in made.left_out]
+        calibration = calibrate(fit_of({**BASE, name: 1e-4}, temperature=(15.0, 40.0)))
+        assert calibration.double.inverse != plain, name
+        assert name not in [missing.effect for missing in calibration.left_out]
 
 
 def test_an_effect_of_the_user_s_own_is_refused_by_name():
     before = dict(CATALOGUE)
     try:
-        own = from_expression("fifth_power", "a**5")
+        effect = from_expression("fifth_power", "a**5")
         with pytest.raises(NotExportable, match="fifth_power is an effect of your own"):
-            calibrate(named(replace(own.effect, owner="sensor")))
+            calibrate(named(replace(effect.effect, owner="sensor")))
     finally:
         CATALOGUE.clear()
         CATALOGUE.update(before)
@@ -79,24 +81,24 @@ def test_only_what_cannot_be_exported_can_be_left_out():
 
 
 def test_saturation_ends_the_range():
-    made = calibrate(fit_of({**BASE, "saturation": 1.0}))
-    low, high = made.domain.acceleration
+    calibration = calibrate(fit_of({**BASE, "saturation": 1.0}))
+    low, high = calibration.domain.acceleration
     assert high == pytest.approx((12.0 - 0.05) / 1.01)
     assert low == pytest.approx((-12.0 - 0.05) / 1.01)
-    _, outside = evaluate(made.double.inverse, np.array([2.5 + 0.0255 * 12.001, 2.5 + 0.0255 * 11.999]))
+    _, outside = evaluate(calibration.double.inverse, np.array([2.5 + 0.0255 * 12.001, 2.5 + 0.0255 * 11.999]))
     assert list(outside) == [READING_OUTSIDE, 0]
-    assert any("saturates" in text for text in made.remarks)
+    assert any("saturates" in text for text in calibration.remarks)
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"acceleration": None}, "does not state the range of accelerations"),
         ({"acceleration": (3.0, 3.0)}, "range of acceleration is empty"),
     ],
 )
-def test_a_fit_without_a_range_is_refused(changed, said):
-    with pytest.raises(NotExportable, match=said):
+def test_a_fit_without_a_range_is_refused(changed, message):
+    with pytest.raises(NotExportable, match=message):
         calibrate(fit_of(BASE, **changed))
 
 

@@ -45,9 +45,9 @@ def test_an_effect_on_noise_is_found_added_and_gains_on_held_out_data(name, tmp_
     base = ac.fit(train)
     assert name in ac.diagnose(base, train).effects
     grown = ac.add(base, train, name)
-    one = grown.noise_effects[0]
-    assert one.name == name
-    assert abs(one.value - hidden_coefficient(world, name)) <= 4.0 * one.std + 1e-6 * one.value
+    effect = grown.noise_effects[0]
+    assert effect.name == name
+    assert abs(effect.value - hidden_coefficient(world, name)) <= 4.0 * effect.std + 1e-6 * effect.value
     (score,) = ac.compare(grown, held)[0].noise_scores
     assert score.gained, score.sentence
     assert 0.4 < score.ratio < 2.0  # events are few, and Poisson
@@ -84,11 +84,11 @@ def test_intervals_of_jitter_cover_over_records(tmp_path):
     z = []
     for seed in range(5):
         world, train, _ = halves("timing_jitter", tmp_path, seed=300 + seed)
-        one = ac.add(ac.fit(train), train, "timing_jitter").noise_effects[0]
-        z.append((one.value - hidden_coefficient(world, "timing_jitter")) / one.std)
+        effect = ac.add(ac.fit(train), train, "timing_jitter").noise_effects[0]
+        z.append((effect.value - hidden_coefficient(world, "timing_jitter")) / effect.std)
     low, high = stats.chi2.ppf([0.0005, 0.9995], len(z))
     assert low < np.sum(np.square(z)) < high
-    relative = one.std / one.value
+    relative = effect.std / effect.value
     assert np.sum(np.square(np.array(z) + 1.0 / relative)) > high
 
 
@@ -100,8 +100,8 @@ def test_two_effects_share_the_noise_without_counting_it_twice(tmp_path):
     both = ac.add(ac.fit(run), run, "vibration", "timing_jitter")
     chain = pass_through(world)
     expected = {"vibration": (0.3 / np.max(np.abs(chain.scene.v)) ** 2) ** 2, "timing_jitter": 1e-8}
-    for one in both.noise_effects:
-        assert abs(one.value - expected[one.name]) < 4.0 * one.std
+    for noise_effect in both.noise_effects:
+        assert abs(noise_effect.value - expected[noise_effect.name]) < 4.0 * noise_effect.std
     alone = ac.add(ac.fit(run), run, "vibration").noise_effects[0]
     assert alone.value > both.noise_effects[0].value + 2.0 * alone.std  # the jitter passes for vibration at all heights
 
@@ -120,13 +120,13 @@ def test_a_model_file_holds_all_of_it(tmp_path):
 def test_a_fit_that_sees_no_outliers_is_compared_and_printed(tmp_path):
     """A model with an effect that a record lacks, fitted and not added."""
     _, train, held = halves("", tmp_path, seed=24)
-    found = ac.fit(train, ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"))
-    assert [one.value for one in found.noise_effects][:2] == [0.0, 0.0]
-    assert all(np.isfinite(score.gain) for score in ac.compare(found, held)[0].noise_scores)
+    fit = ac.fit(train, ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"))
+    assert [noise_effect.value for noise_effect in fit.noise_effects][:2] == [0.0, 0.0]
+    assert all(np.isfinite(score.gain) for score in ac.compare(fit, held)[0].noise_scores)
     with pytest.raises(KeyError, match="encoder_outliers' acts on noise"):
-        found["encoder_outliers"]
+        fit["encoder_outliers"]
     with pytest.raises(ValueError, match="'encoder_outliers' acts on noise: it has no value to hold"):
-        found.model.freeze(encoder_outliers=1e-12)
+        fit.model.freeze(encoder_outliers=1e-12)
 
 
 def test_predicted_noise_holds_the_growth(tmp_path):
@@ -158,5 +158,5 @@ def test_an_export_says_that_noise_is_no_part_of_the_characteristic(tmp_path):
     _, train, _ = halves("vibration", tmp_path, seed=23)
     base = ac.fit(train)
     grown = ac.add(base, train, "vibration")
-    assert [one.effect for one in characteristic(grown).left_out] == ["time_offset", "vibration"]
+    assert [item.effect for item in characteristic(grown).left_out] == ["time_offset", "vibration"]
     assert characteristic(grown).coefficients.keys() == characteristic(base).coefficients.keys()

@@ -35,10 +35,10 @@ def fitted(recording: Recording) -> RunState:
 
 def findings(recording: Recording) -> dict[str, NoiseTest]:
     """By effect; of several lines the most significant."""
-    found: dict[str, NoiseTest] = {}
+    results: dict[str, NoiseTest] = {}
     for test in run_noise_tests(fitted(recording)):
-        found.setdefault(test.effect, test)
-    return found
+        results.setdefault(test.effect, test)
+    return results
 
 
 def with_output(record: Recording, y: np.ndarray) -> Recording:

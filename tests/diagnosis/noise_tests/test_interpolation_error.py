@@ -57,12 +57,14 @@ def test_information_next_to_lost_samples_is_what_the_others_leave(share):
     affected, information = remaining_information(response, lost, n)
     distance = np.abs(np.arange(n)[:, None] - np.arange(n))
     assert set(affected) == set(np.flatnonzero((distance[:, lost] <= REACH).any(axis=1))) - set(lost)
-    for place, found in zip(affected, information, strict=True):
+    for place, result in zip(affected, information, strict=True):
         near = lost[(np.abs(lost - place) <= REACH)]
         together = np.union1d(near, place)
         R = response[np.minimum(distance[np.ix_(together, together)], 2 * REACH)] + 1e-9 * np.eye(len(together))
-        own = np.searchsorted(together, place)
-        assert found == pytest.approx(1.0 / np.linalg.inv(R)[own, own], abs=1e-5)  # 1e-9 over eigenvalues of 1e-4
+        nearest = np.searchsorted(together, place)
+        assert result == pytest.approx(
+            1.0 / np.linalg.inv(R)[nearest, nearest], abs=1e-5
+        )  # 1e-9 over eigenvalues of 1e-4
     assert np.min(information) < (0.97 if share < 0.1 else 0.5)
 
 

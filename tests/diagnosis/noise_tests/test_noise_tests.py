@@ -56,18 +56,18 @@ def test_nothing_is_found_in_short_records(seconds, rig):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         record = simulate("tones", seconds=seconds, rig=RIGS[rig], parameters={"bias": 0.1}, rng=rng, missing=0.1)
-        found = run_noise_tests(world.fitted(record.recording))
-        alarms += [(seed, test.effect, test.p_value) for test in found if test.p_value < NOISE_TEST_ALPHA]
+        result = run_noise_tests(world.fitted(record.recording))
+        alarms += [(seed, test.effect, test.p_value) for test in result if test.p_value < NOISE_TEST_ALPHA]
     assert alarms == []
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_motion_that_is_not_subtracted_alarms(rig):
     """The sister that must fail: power of the plain output follows speed without any vibration."""
-    seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
-    plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
-    spectra = BlockSpectra.of(plain, seen.sampled, seen.rate, 0.0)
-    _, p_value = power_trend_test(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
+    residuals_seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
+    plain = np.interp(np.arange(residuals_seen.n), residuals_seen.place, residuals_seen.u) - np.mean(residuals_seen.u)
+    spectra = BlockSpectra.of(plain, residuals_seen.sampled, residuals_seen.rate, 0.0)
+    _, p_value = power_trend_test(spectra.power.mean(axis=1), spectra.means(residuals_seen.motion[0] ** 2))
     assert p_value < NOISE_TEST_ALPHA
 
 
@@ -87,8 +87,8 @@ def test_no_disturbance_passes_for_another(motion, nuisance):
     """15 records, the rigs in turn; false alarms as above, 8e-4 each."""
     rig = list(RIGS)[(MOTIONS.index(motion) + list(NUISANCES).index(nuisance)) % 2]
     more, allowed = NUISANCES[nuisance]
-    found = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
-    assert {name for name, test in found.items() if test.p_value < NOISE_TEST_ALPHA} <= allowed
+    result = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
+    assert {name for name, test in result.items() if test.p_value < NOISE_TEST_ALPHA} <= allowed
 
 
 CASES = {
@@ -128,8 +128,8 @@ CASES = {
 def test_disturbance_is_found_and_measured(case, motion, rig):
     make, effect, size, particular, value = CASES[case]
     test = world.findings(make(motion, RIGS[rig], 7))[effect]
-    found = f"{test.estimate:.4g} +- {test.std:.2g} {test.unit}"
-    print(f"{case}, {motion} {rig}: p {test.p_value:.1g}, {found} (simulated {size})")
+    result = f"{test.estimate:.4g} +- {test.std:.2g} {test.unit}"
+    print(f"{case}, {motion} {rig}: p {test.p_value:.1g}, {result} (simulated {size})")
     assert test.p_value < NOISE_TEST_ALPHA
     # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
     assert abs(test.estimate - size) < 4.0 * test.std + 0.15 * size
@@ -222,16 +222,16 @@ def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
 
 @pytest.mark.parametrize("size", [3e-7, 1e-6])
 def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
-    made = simulate("moves", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.1}, rng=RNG(6))
-    z = made.recording.position
-    wrong = z.y + size * np.sin(2.0 * np.pi * made.truth.motion.position(z.t) / 2e-5)
-    spoiled = replace(made.recording, position=Channel(z.name, z.t, wrong, z.unit))
-    found, good = (
+    simulation = simulate("moves", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.1}, rng=RNG(6))
+    z = simulation.recording.position
+    wrong = z.y + size * np.sin(2.0 * np.pi * simulation.truth.motion.position(z.t) / 2e-5)
+    spoiled = replace(simulation.recording, position=Channel(z.name, z.t, wrong, z.unit))
+    result, good = (
         next(test for test in run_noise_tests(world.fitted(record)) if test.effect == "encoder_cyclic")
-        for record in (spoiled, made.recording)
+        for record in (spoiled, simulation.recording)
     )
-    assert found.p_value < NOISE_TEST_ALPHA
-    assert found.parts["period"] == pytest.approx(2e-5, rel=1e-3)
+    assert result.p_value < NOISE_TEST_ALPHA
+    assert result.parts["period"] == pytest.approx(2e-5, rel=1e-3)
     assert good.p_value > NOISE_TEST_ALPHA
 
 

@@ -28,37 +28,37 @@ def diagnosed(tmp_path: Path, rig: Rig, profile: str = "hand", seconds: float = 
 
 def test_rounded_stamps_are_named_so_and_cost_nothing(tmp_path: Path) -> None:
     clocks = Clocks(tolerance=5e-3, rounding=1e-3)
-    found, record = diagnosed(tmp_path / "a", Rig(phone(200.7), MOCAP, clocks), "tremor", 60.0)
-    assert found.effects == ("rounded_stamps",)
-    assert "accel to 1 ms" in found.sentence
-    assert "rounding errs by 289 µs rms" in found.sentence
+    result, record = diagnosed(tmp_path / "a", Rig(phone(200.7), MOCAP, clocks), "tremor", 60.0)
+    assert result.effects == ("rounded_stamps",)
+    assert "accel to 1 ms" in result.sentence
+    assert "rounding errs by 289 µs rms" in result.sentence
     exact, _ = diagnosed(tmp_path / "b", Rig(phone(200.7), MOCAP, replace(clocks, rounding=0.0)), "tremor", 60.0)
     assert exact.effects == ()
     for name in ("bias", "scale_factor"):
-        assert found.fit[name].std == pytest.approx(exact.fit[name].std, rel=0.02)
-        assert found.fit[name].value == pytest.approx(exact.fit[name].value, abs=0.3 * exact.fit[name].std)
+        assert result.fit[name].std == pytest.approx(exact.fit[name].std, rel=0.02)
+        assert result.fit[name].value == pytest.approx(exact.fit[name].value, abs=0.3 * exact.fit[name].std)
     # 120 Hz in milliseconds is a pattern of three stamps: 1/3 ms of the clock's phase is nowhere in the record.
-    offset = found.fit["time_offset"]
+    offset = result.fit["time_offset"]
     assert offset.std > 9e-5 > 3.0 * exact.fit["time_offset"].std
     assert abs(offset.value - record.truth["time_offset"]) < 3.0 * offset.std
 
 
 def test_rounding_of_an_uneven_clock_is_no_jitter_but_more_than_it_is(tmp_path: Path) -> None:
     rounded = replace(UNEVEN, rounding=1e-3)
-    found, _ = diagnosed(tmp_path / "a", Rig(PRECISE, Reference(1e-5, None, 100.1), rounded))
-    assert "rounded_stamps" in found.effects
-    assert "timing_jitter" not in found.effects
+    result, _ = diagnosed(tmp_path / "a", Rig(PRECISE, Reference(1e-5, None, 100.1), rounded))
+    assert "rounded_stamps" in result.effects
+    assert "timing_jitter" not in result.effects
     more, _ = diagnosed(tmp_path / "b", Rig(PRECISE, Reference(1e-5, None, 100.1), replace(rounded, jitter=1.5e-3)))
     assert {"rounded_stamps", "timing_jitter"} <= set(more.effects)
 
 
 def test_held_samples_are_named_so_and_not_quantisation(tmp_path: Path) -> None:
     logger = replace(ADXL105, rate=1000.3, corner=None)
-    found, record = diagnosed(tmp_path, Rig(logger, clocks=Clocks(held=400.0)), "mixed", 15.0)
-    assert found.effects == ("held_samples",)
-    assert "renews them at 400 Hz" in found.sentence
+    result, record = diagnosed(tmp_path, Rig(logger, clocks=Clocks(held=400.0)), "mixed", 15.0)
+    assert result.effects == ("held_samples",)
+    assert "renews them at 400 Hz" in result.sentence
     for name, true in record.truth.items():
-        assert abs(found.fit[name].value - true) < 4.0 * found.fit[name].std
+        assert abs(result.fit[name].value - true) < 4.0 * result.fit[name].std
 
 
 @pytest.mark.parametrize("seed", range(3))

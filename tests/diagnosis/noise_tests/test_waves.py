@@ -78,9 +78,9 @@ def test_a_further_wave_is_the_same_function_under_another_name():
 def test_the_largest_of_several_lines_is_reported_though_another_has_a_smaller_probability():
     tests = [line(100.04, 0.006, p_value=0.0), line(50.02, 0.02, p_value=1e-30)]
     assert [test.parts["frequency"] for test in largest_first(tests)] == [50.02, 100.04]
-    found = in_noise(tests, Confounded("tone", ("tone",), ""), {})
-    assert found.wave == {"frequency": 50.02}
-    assert found.particulars == " (0.02 m/s², frequency 50.02 Hz, 12 sigma)"
+    result = in_noise(tests, Confounded("tone", ("tone",), ""), {})
+    assert result.wave == {"frequency": 50.02}
+    assert result.particulars == " (0.02 m/s², frequency 50.02 Hz, 12 sigma)"
 
 
 def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_missing():
@@ -123,7 +123,7 @@ def test_what_a_vibration_raises_is_no_test_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("effect", "shape", "share", "said"),
+    ("effect", "shape", "share", "message"),
     [
         ("creep", "tau", 0.0, True),
         ("creep", "tau", 0.5, False),
@@ -132,11 +132,11 @@ def test_what_a_vibration_raises_is_no_test_of_its_own():
         ("encoder_cyclic", "period", 1.0, True),
     ],
 )
-def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, said):
+def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, message):
     """A wave may be shorter than its trials, which a noise test finds."""
     low, high = find(effect).shapes[shape].span(S)
     value = low * (high / low) ** share
     ended = Estimate(f"{effect}.{shape}", shape, "", value, 0.1 * value, "sensor")
     model = SimpleNamespace(added=(), shapes={}, fixed={})
     notes = on_bounds(SimpleNamespace(states=[SimpleNamespace(signals=S)], shapes=(ended,), model=model))
-    assert [f"{effect}.{shape} ended at {value:.4g}" in note for note in notes] == [True] * said
+    assert [f"{effect}.{shape} ended at {value:.4g}" in note for note in notes] == [True] * message

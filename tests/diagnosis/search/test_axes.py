@@ -33,14 +33,14 @@ def improved(folder):
 
 def test_gravity_across_the_axis_hides_nothing(improved, folder):
     truth = sideways(41, folder, constant=G).truth
-    for found in improved.values():
-        assert [group.members for group in found.classes] == [("cross_axis",)]
-        size = found.best["cross_axis"]
+    for result in improved.values():
+        assert [group.members for group in result.classes] == [("cross_axis",)]
+        size = result.best["cross_axis"]
         assert abs(size.value - truth["cross_axis"]) < 4.0 * size.std  # false alarm 6e-5
-        assert found.diagnosis.verdict == "adequate"
-        drifts = [step.heldout.coast_rms[1.0] for step in found.steps]
+        assert result.diagnosis.verdict == "adequate"
+        drifts = [step.heldout.coast_rms[1.0] for step in result.steps]
         assert drifts[1] < drifts[0]
-    plain, in_gravity = (found.best["cross_axis"] for found in improved.values())
+    plain, in_gravity = (result.best["cross_axis"] for result in improved.values())
     assert in_gravity.value == pytest.approx(plain.value, rel=1e-3)
 
 
@@ -73,8 +73,8 @@ def test_the_mean_is_that_of_the_model_on_any_record_and_of_the_fitted_runs(fold
 def test_rates_have_a_zero_of_their_own_and_effects_of_the_user_get_what_was_recorded(folder):
     run = sideways(45, folder, constant=G).recording
     turning = Channel("rate_i", run.accel.t, np.full(len(run.accel.t), 0.3), "rad/s")
-    made = dataclasses.replace(run, side={**run.side, "rate_i": turning})
-    state = solve_runs(ac.Model.linear(), [made]).states[0]
+    changed = dataclasses.replace(run, side={**run.side, "rate_i": turning})
+    state = solve_runs(ac.Model.linear(), [changed]).states[0]
     assert np.allclose(state.signals.side["rate_i"], 0.3)
     assert abs(np.mean(state.signals.side["a_y"])) < 0.01
     assert np.mean(read_only(state.signals).side["a_y"]) == pytest.approx(G, abs=0.05)
@@ -83,20 +83,20 @@ def test_rates_have_a_zero_of_their_own_and_effects_of_the_user_get_what_was_rec
 @pytest.mark.parametrize(("seed", "shaker"), [(51, False), (52, False), (53, True)])
 def test_a_quadratic_is_named_on_a_vertical_axis_with_bias_and_scale_at_zero_force(seed, shaker, folder):
     hidden = vertical(seed, folder, shaker=shaker)
-    found = ac.improve(hidden.recording)
-    assert found.effects == ("quadratic",)
-    assert shaker or {"cubic", "odd_quadratic"} <= set(found.classes[0].members)
+    improvement = ac.improve(hidden.recording)
+    assert improvement.effects == ("quadratic",)
+    assert shaker or {"cubic", "odd_quadratic"} <= set(improvement.classes[0].members)
     for name, value in hidden.truth.items():
-        assert abs(found.best[name].value - value) < 4.0 * found.best[name].std
-    assert found.diagnosis.verdict == "adequate"
-    assert not [one for one in found.diagnosis.remarks if one.code == "heldout_rises"]
-    base, last = (step.heldout.coast_rms[5.0] for step in found.steps)
+        assert abs(improvement.best[name].value - value) < 4.0 * improvement.best[name].std
+    assert improvement.diagnosis.verdict == "adequate"
+    assert not [remark for remark in improvement.diagnosis.remarks if remark.code == "heldout_rises"]
+    base, last = (step.heldout.coast_rms[5.0] for step in improvement.steps)
     assert last < 1.1 * base
 
 
 def test_nothing_is_named_on_a_plain_lift(folder):
-    found = ac.improve(vertical(54, folder, hidden="").recording)
-    assert (found.verdict, found.effects) == ("adequate", ())
+    improvement = ac.improve(vertical(54, folder, hidden="").recording)
+    assert (improvement.verdict, improvement.effects) == ("adequate", ())
 
 
 def test_powers_of_the_force_are_testable_together_or_not_at_all(folder):
@@ -104,7 +104,7 @@ def test_powers_of_the_force_are_testable_together_or_not_at_all(folder):
     items = [Hypothesis(find(name), {}) for name in ("quadratic", "cubic", "odd_quadratic", "scale_asymmetry")]
     scores = CandidateScores([BaseProjection(state, ac.Model.linear())], items)
     assert scores.gains()[1].tolist() == [1, 1, 1, 0]  # |a| is the scale factor where the force keeps its sign
-    shares = np.diag(scores.G) / scores.own
+    shares = np.diag(scores.G) / scores.power
     assert np.max(shares) < 1e-4  # of a power about zero force: what the bias and the scale factor take up
 
 

@@ -135,9 +135,9 @@ def test_the_rivals_of_an_effect_of_little_evidence_have_more_weight(plain: Simu
 def test_a_step_between_two_trials_does_not_lose_to_a_smooth_rival(tmp_path: Path) -> None:
     world = at_d(World("long_rest", "ADXL105", (Hidden("scale_step", -0.02, {"instant": 30.42}),), seed=9), 30.0)
     state = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).states[0]
-    found = scan([state], Model.linear())
-    assert [f.effect for f in found.found] == ["scale_step"]
-    assert found.found[0].shape["instant"] + state.run.origins.t == pytest.approx(30.42, abs=0.3)
+    result = scan([state], Model.linear())
+    assert [f.effect for f in result.detected] == ["scale_step"]
+    assert result.detected[0].shape["instant"] + state.run.origins.t == pytest.approx(30.42, abs=0.3)
 
 
 def test_shapes_between_two_trials_are_tried_where_they_may_come_first(plain: Simulated) -> None:
@@ -145,11 +145,11 @@ def test_shapes_between_two_trials_are_tried_where_they_may_come_first(plain: Si
     items = [item for item in hypotheses_for(state, Model.linear()) if item.effect.name in ("bias_step", "warm_up")]
     evidence = CandidateScores([BaseProjection(state, Model.linear())], items)
     between = between_trials(evidence, "bias_step", 0.5 * max(evidence.gain(i)[0] for i in range(len(items))))
-    known = sorted(item.shape["instant"] for item in items if "instant" in item.shape)
+    ordered = sorted(item.shape["instant"] for item in items if "instant" in item.shape)
     assert between
     for item in between:
         low, high = item.brackets["instant"]
-        assert known[known.index(low) + 1] == high
+        assert ordered[ordered.index(low) + 1] == high
         assert item.shape["instant"] == pytest.approx(0.5 * (low + high))
     assert between_trials(evidence, "bias_step", math.inf) == []
 

@@ -144,7 +144,7 @@ def tie() -> tuple[ac.Fit, ac.Recording]:
 
 def weights(diagnosis: ac.Diagnosis, which: str) -> dict[str, float]:
     """One set of weights of what the search named."""
-    return {name: getattr(w, which) for name, w in diagnosis.scan.found[0].weights.items()}
+    return {name: getattr(w, which) for name, w in diagnosis.scan.detected[0].weights.items()}
 
 
 def test_a_prior_moves_the_second_set_alone(tie: tuple[ac.Fit, ac.Recording]) -> None:
@@ -179,7 +179,7 @@ def test_a_prior_moves_the_second_set_alone(tie: tuple[ac.Fit, ac.Recording]) ->
 
 
 @pytest.mark.parametrize(
-    ("sizes", "said"),
+    ("sizes", "text"),
     [
         ({"cubik": "1 ug/g^3"}, "prior.cubik: there is no effect called 'cubik'; did you mean cubic"),
         ({"cubic": "1 mg"}, "prior.cubic: found '1 mg', expected a size in µg/g³ or a unit that converts to it"),
@@ -189,14 +189,14 @@ def test_a_prior_moves_the_second_set_alone(tie: tuple[ac.Fit, ac.Recording]) ->
     ],
 )
 def test_a_size_that_no_effect_has_is_refused_before_the_search(
-    tie: tuple[ac.Fit, ac.Recording], sizes: dict[str, str], said: str
+    tie: tuple[ac.Fit, ac.Recording], sizes: dict[str, str], text: str
 ) -> None:
     fit, run = tie
     run = replace(run, prior_sizes=sizes)
     with pytest.raises(ac.RecordingError) as error:
         ac.diagnose(fit, run)
     assert str(error.value).startswith(f"{run.name}: prior.")
-    assert said in str(error.value)
+    assert text in str(error.value)
     with pytest.raises(ac.RecordingError):
         ac.improve(run)
     with pytest.raises(ac.RecordingError, match=re.escape(str(error.value))):

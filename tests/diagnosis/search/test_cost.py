@@ -77,21 +77,21 @@ def test_sums_are_those_of_columns_at_the_full_rate_for_any_stretches(
     items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
     column_filter = ColumnFilter(fitted)
-    found, expected = whole_columns(column_filter, terms), plain_sums(fitted, terms, column_filter.group)
-    assert found.shape == expected.shape
+    result, expected = whole_columns(column_filter, terms), plain_sums(fitted, terms, column_filter.group)
+    assert result.shape == expected.shape
     size = np.sqrt(np.mean(expected**2, axis=1))
-    worst = np.max(np.abs(found - expected), axis=1) / np.maximum(size, 1e-300)
+    worst = np.max(np.abs(result - expected), axis=1) / np.maximum(size, 1e-300)
     assert np.max(worst[size > 0.0]) < 1e-9  # both double, sums over a filter with a memory of a thousand readings
     shifted = plain_sums(fitted, terms[:3], column_filter.group + 1)
-    assert shifted.shape[1] != found.shape[1]
+    assert shifted.shape[1] != result.shape[1]
 
 
 def test_a_scan_says_the_same_in_one_stretch_and_in_many(fitted: RunState, monkeypatch: pytest.MonkeyPatch):
     whole = scan([fitted], Model.linear())
     monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", 7001)
     parts = scan([fitted], Model.linear())
-    assert whole.found
-    assert [f.effect for f in whole.found] == [f.effect for f in parts.found]
+    assert whole.detected
+    assert [f.effect for f in whole.detected] == [f.effect for f in parts.detected]
     assert [c.effect for c in whole.candidates] == [c.effect for c in parts.candidates]
     for a, b in zip(whole.candidates, parts.candidates, strict=True):
         assert a.gain == pytest.approx(b.gain, rel=1e-6)  # shapes are refined to a thousandth of their bracket
@@ -124,9 +124,9 @@ def test_an_effect_with_memory_has_other_values_on_a_stretch(name: str):
 
 
 def test_an_effect_outside_the_catalogue_counts_as_one_with_memory():
-    own = dataclasses.replace(find("quadratic"), name="quadratic")
+    changed = dataclasses.replace(find("quadratic"), name="quadratic")
     assert is_local(find("quadratic"))
-    assert not is_local(own)
+    assert not is_local(changed)
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -137,9 +137,9 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def test_a_diagnosis_costs_no_more_than_a_few_fits(recording: Recording):
-    made = estimate(Model.linear(), recording)
+    fit = estimate(Model.linear(), recording)
     ratios = [
-        seconds(lambda: diagnose(made, recording)) / seconds(lambda: estimate(Model.linear(), recording))
+        seconds(lambda: diagnose(fit, recording)) / seconds(lambda: estimate(Model.linear(), recording))
         for _ in range(5)
     ]  # side by side, the least counts: a busy machine can only add
     print(f"diagnose over fit: {min(ratios):.1f} of {[round(r, 1) for r in ratios]}")
@@ -152,8 +152,8 @@ def growth(kind: str, short: int, long: int) -> float:
     for minutes in (short, long):
         run = [sys.executable, "-c", PEAK, str(int(minutes * 60 * 1667)), kind]
         done = subprocess.run(run, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True)
-        found = json.loads(done.stdout)
-        extra[minutes] = found["after"] - found["before"]
+        answer = json.loads(done.stdout)
+        extra[minutes] = answer["after"] - answer["before"]
     return (extra[long] - extra[short]) / (long - short)
 
 

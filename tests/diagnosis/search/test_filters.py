@@ -36,8 +36,8 @@ def diagnosed(tmp_path: Path, rig: Rig, profile: str, planted: Planted = NOTHING
     return ac.diagnose(ac.fit(recording), recording), recording
 
 
-def classes(found: Diagnosis) -> dict[str, tuple[str, ...]]:
-    return {group.effect: group.members for group in found.classes}
+def classes(diagnosis: Diagnosis) -> dict[str, tuple[str, ...]]:
+    return {group.effect: group.members for group in diagnosis.classes}
 
 
 @pytest.mark.parametrize("tau", [2.0])
@@ -45,9 +45,9 @@ def test_ac_coupling_is_found_with_its_time_constant(tmp_path: Path, tau: float)
     def output(motion: Motion) -> Piecewise:
         return EFFECTS["ac_coupling"][0](motion.refined(FINE), 1.0 / tau, 0.0)
 
-    found, recording = diagnosed(tmp_path, Rig(CXL02), "mixed", Planted(output=output))
-    assert found.effects == ("ac_coupling",)
-    fit = ac.add(found.fit, recording, "ac_coupling")
+    result, recording = diagnosed(tmp_path, Rig(CXL02), "mixed", Planted(output=output))
+    assert result.effects == ("ac_coupling",)
+    fit = ac.add(result.fit, recording, "ac_coupling")
     estimate, start = fit.shapes
     assert (estimate.name, start.name) == ("ac_coupling.tau", "ac_coupling.start")
     assert abs(estimate.value - tau) < 4.0 * estimate.std < tau
@@ -68,10 +68,10 @@ def test_what_a_coupling_carries_over_from_before_the_record_has_no_name(tmp_pat
 
 
 def test_a_lag_of_the_encoder_is_in_the_class_that_is_named(tmp_path: Path) -> None:
-    found, recording = diagnosed(tmp_path, Rig(ADXL105, replace(LVDT, lag=LATE)), "shaker")
-    assert found.effects
-    assert all("encoder_lag" in members for members in classes(found).values())
-    fit = ac.add(found.fit, recording, "encoder_lag")
+    result, recording = diagnosed(tmp_path, Rig(ADXL105, replace(LVDT, lag=LATE)), "shaker")
+    assert result.effects
+    assert all("encoder_lag" in members for members in classes(result).values())
+    fit = ac.add(result.fit, recording, "encoder_lag")
     (estimate,) = fit.shapes
     assert abs(estimate.value - LATE) < 4.0 * estimate.std < LATE
     assert abs(fit["time_offset"].value) < 20e-6 + 4.0 * fit["time_offset"].std  # the rest is the clocks'

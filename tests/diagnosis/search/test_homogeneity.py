@@ -41,18 +41,18 @@ def test_an_effect_that_grows_in_the_record_is_no_effect_of_acceleration_alone(p
 
     steady = scan([fitted(plain, lambda t: cubic(4e-4, 0.0, t))], Model.linear())
     late = scan([fitted(plain, lambda t: cubic(8e-4, 0.5 * end, t))], Model.linear())
-    assert [f.effect for f in steady.found][:1] == ["cubic"]
+    assert [f.effect for f in steady.detected][:1] == ["cubic"]
     assert steady.changing == ()
-    assert steady.found[0].parts.homogeneous
-    assert len(steady.found[0].parts.size) > 4
-    assert "cubic" not in [f.effect for f in late.found]
+    assert steady.detected[0].parts.homogeneous
+    assert len(steady.detected[0].parts.size) > 4
+    assert "cubic" not in [f.effect for f in late.detected]
 
 
 def test_a_step_that_comes_and_goes_is_no_step(plain: Simulated) -> None:
     once = scan([fitted(plain, lambda t: np.where(t > 17.0, 2e-3, 0.0))], Model.linear())
-    assert any("bias_step" in f.members for f in once.found)
+    assert any("bias_step" in f.members for f in once.detected)
     several = scan([fitted(plain, lambda t: np.where(np.floor(t / 3.0) % 2 == 1, 2e-3, 0.0))], Model.linear())
-    assert "bias_step" not in [f.effect for f in several.found]
+    assert "bias_step" not in [f.effect for f in several.detected]
 
 
 def test_a_part_with_more_noise_has_no_other_size(plain: Simulated) -> None:
@@ -66,8 +66,8 @@ def test_a_part_with_more_noise_has_no_other_size(plain: Simulated) -> None:
             more = np.where(t > 0.75 * end, 0.1, 0.0) * rng.standard_normal(len(t))
             return 2e-3 * motion.acceleration(t) ** 3 + more
 
-        found = scan([fitted(plain, cubic_and_noise)], Model.linear()).found
-        chances += [effect.parts.p_value for effect in found if "cubic" in effect.members]
+        result = scan([fitted(plain, cubic_and_noise)], Model.linear()).detected
+        chances += [effect.parts.p_value for effect in result if "cubic" in effect.members]
     assert len(chances) >= 5
     assert min(chances) > 1e-3  # each by chance in one of a thousand
 

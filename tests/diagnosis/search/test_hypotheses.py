@@ -46,8 +46,8 @@ def test_errors_of_a_position_are_offered_where_one_is_read(plain: Simulated, re
     )
     state = solve_runs(Model.linear(), [simulated.recording]).states[0]
     assert state.run.order == order
-    own = replace(find("encoder_cyclic"), name="own_cyclic")
-    offered = {item.effect.name for item in hypotheses_for(state, Model.linear(), [own])}
+    changed = replace(find("encoder_cyclic"), name="own_cyclic")
+    offered = {item.effect.name for item in hypotheses_for(state, Model.linear(), [changed])}
     of_encoder = {"encoder_cyclic", "encoder_backlash", "encoder_nonlinearity", "encoder_step"}
     assert of_encoder & offered == (of_encoder if reference == "position" else set())
     assert {"encoder_lag", "own_cyclic", "quadratic"} <= offered
@@ -83,8 +83,8 @@ def test_a_curve_is_as_fine_as_the_record_requires(
     plain: Simulated, hidden: Callable[[Array], Array], coarse: bool
 ) -> None:
     state = fitted(plain, lambda t: hidden(plain.truth.motion.position(t)))
-    (found,) = scan([state], Model.linear(), only=(find("shape_of_position"),)).entered
-    assert (set(found.fixed) >= INNER) == coarse
+    (result,) = scan([state], Model.linear(), only=(find("shape_of_position"),)).entered
+    assert (set(result.fixed) >= INNER) == coarse
 
 
 def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:

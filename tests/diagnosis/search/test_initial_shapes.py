@@ -19,11 +19,11 @@ from tests.diagnosis.search.records import fitted
 def test_a_ripple_over_acceleration_is_tried_at_its_period(plain: Simulated, period: float) -> None:
     motion = plain.truth.motion
     state = fitted(plain, lambda t: 0.01 * np.sin(2.0 * np.pi * motion.acceleration(t) / period))
-    none, found = ripples(state)
+    none, result = ripples(state)
     assert none.value == 0.0
-    assert found.value == pytest.approx(period, rel=0.03)
+    assert result.value == pytest.approx(period, rel=0.03)
     shapes = [item.shape["ripple"] for item in hypotheses_for(state, Model.linear()) if "ripple" in item.shape]
-    assert shapes == [0.0, found.value, 0.0]  # the last is the coarse one, which has no ripple
+    assert shapes == [0.0, result.value, 0.0]  # the last is the coarse one, which has no ripple
 
 
 @pytest.mark.parametrize(("period", "sharp"), [(7e-3, 1.3), (2.8e-3, 1.3), (0.0175, 1.8)])

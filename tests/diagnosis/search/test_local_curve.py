@@ -17,8 +17,8 @@ from tests.worlds import Hidden, World, at_d
 def test_a_bump_is_a_curve_of_position_at_its_place(name: str, tmp_path: Path) -> None:
     world = at_d(World("interleaved", "ADXL105", (Hidden(name, 3e-2),), seed=4, seconds=30.0), 30.0).settled()
     state = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).states[0]
-    found = scan([state], Model.linear())
-    assert found.found[0].effect == "shape_of_position"
-    shape, truth = found.found[0].shape, world.hidden[0].shape
+    result = scan([state], Model.linear())
+    assert result.detected[0].effect == "shape_of_position"
+    shape, truth = result.detected[0].shape, world.hidden[0].shape
     assert abs(shape["centre"] + state.run.origins.p - truth["centre"]) < 3.0 * truth["width"]
-    assert "bias_step" not in [f.effect for f in found.found]
+    assert "bias_step" not in [f.effect for f in result.detected]

@@ -30,8 +30,8 @@ def recorded(seed, planted=None):
     """A run whose sensor is shaken sideways and turned a little while its supply moves; one effect in its output."""
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    made = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng)
-    accel = made.recording.accel
+    simulation = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng)
+    accel = simulation.recording.accel
     t = accel.t
 
     def swing(size, slow=0.3, fast=3.0):
@@ -45,18 +45,18 @@ def recorded(seed, planted=None):
     y = accel.y.copy()
     if planted is not None:
         size, formula = PLANTED[planted]
-        y += size * formula(made.truth.motion.derivatives(t)[2], channels)
+        y += size * formula(simulation.truth.motion.derivatives(t)[2], channels)
     side = {name: Channel(name, t, values, units[name]) for name, values in channels.items()}
-    return replace(made.recording, accel=replace(accel, y=y), side=side, digest=f"{seed} {planted}")
+    return replace(simulation.recording, accel=replace(accel, y=y), side=side, digest=f"{seed} {planted}")
 
 
 @pytest.mark.parametrize("name", PLANTED)
 def test_an_effect_of_recorded_channels_is_named_with_its_size(name):
     run = recorded(5, name)
     fit = ac.fit(run)
-    found = ac.diagnose(fit, run)
-    assert found.scan.found[0].effect == name
-    grown = ac.fit(run, found.scan.found[0].enter(fit.model))
+    diagnosis = ac.diagnose(fit, run)
+    assert diagnosis.scan.detected[0].effect == name
+    grown = ac.fit(run, diagnosis.scan.detected[0].enter(fit.model))
     assert abs(grown[name].value - PLANTED[name][0]) < 4.0 * grown[name].std
     assert grown[name].std < 0.1 * PLANTED[name][0]
 

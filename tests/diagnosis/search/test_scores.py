@@ -12,10 +12,10 @@ from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
 
 
-@pytest.mark.parametrize("known", ["velocity", "cubic"])
-def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Simulated, known: str) -> None:
+@pytest.mark.parametrize("text", ["velocity", "cubic"])
+def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Simulated, text: str) -> None:
     """Of a shape's columns one is what `known` is already: nothing of it is left, and nothing else suffers."""
-    model = Model.linear().add(known)
+    model = Model.linear().add(text)
     state = solve_runs(model, [plain.recording]).states[0]
     items = [item for item in hypotheses_for(state, model) if item.effect.family and item.leading is None]
     evidence = CandidateScores([BaseProjection(state, model)], items)
@@ -24,7 +24,7 @@ def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Si
         assert 0.0 <= gain < 80.0, item.effect.name  # of noise alone; 12 coefficients exceed it once in 1e11
         assert np.all(np.abs(estimate) < 1e9)
         assert np.all(np.abs(covariance) < 1e18)
-    assert any(np.diag(evidence.G)[part].min() == 0.0 for part in evidence.columns) == (known == "velocity")
+    assert any(np.diag(evidence.G)[part].min() == 0.0 for part in evidence.columns) == (text == "velocity")
 
 
 @pytest.mark.parametrize("empty", [0, 1, 4, 8])

@@ -26,18 +26,18 @@ def coloured(knee: float, exponent: float, seed: int) -> Array:
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
 def test_the_spectrum_of_slow_noise_is_found(exponent: float) -> None:
-    found = slow_noise(coloured(2.0, exponent, 3), RATE, CROSSOVER)
-    assert found is not None
+    result = slow_noise(coloured(2.0, exponent, 3), RATE, CROSSOVER)
+    assert result is not None
     f = np.array([0.2, 0.5, 1.0, 20.0])
-    ratio = found(f) / (1.0 + (2.0 / f) ** exponent)
+    ratio = result(f) / (1.0 + (2.0 / f) ** exponent)
     assert np.all((ratio > 0.5) & (ratio < 2.0))
-    assert 1.0 < found.knee < 4.0
+    assert 1.0 < result.knee < 4.0
 
 
 def test_white_noise_has_no_slow_part() -> None:
     rng = np.random.default_rng(5)
-    found = [slow_noise(rng.standard_normal(ROWS), RATE, CROSSOVER) is not None for _ in range(100)]
-    assert sum(found) <= 4  # one in a hundred at most: 5 or more have a probability of 0.3 %
+    results = [slow_noise(rng.standard_normal(ROWS), RATE, CROSSOVER) is not None for _ in range(100)]
+    assert sum(results) <= 4  # one in a hundred at most: 5 or more have a probability of 0.3 %
 
 
 def test_whitened_rows_are_white() -> None:
@@ -53,9 +53,9 @@ def test_slow_noise_is_not_named_a_function_of_the_motion(plain: Simulated) -> N
     rng = np.random.default_rng(7)
     step = float(np.median(np.diff(accel.t)))
     slow = power_law(len(accel.t), 1.0 / step, 3e-3, 1.0, rng)
-    found = scan([fitted(plain, lambda t: slow)], Model.linear())
-    assert found.slow_noise
-    assert {f.effect for f in found.found} <= {"bias_gauss_markov", "bias_random_walk"}
+    result = scan([fitted(plain, lambda t: slow)], Model.linear())
+    assert result.slow_noise
+    assert {f.effect for f in result.detected} <= {"bias_gauss_markov", "bias_random_walk"}
     motion = plain.truth.motion
     both = scan([fitted(plain, lambda t: slow + 2e-3 * motion.acceleration(t) ** 3)], Model.linear())
-    assert any("cubic" in f.members for f in both.found)  # the twin: what is larger than the noise is found
+    assert any("cubic" in f.members for f in both.detected)  # the twin: what is larger than the noise is found

@@ -25,9 +25,9 @@ def recording(number: int, motion: str = "interleaved", rig: ac.Rig = CXL02_RIG,
     return ac.simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
 
 
-def apart(one: ac.Fit, other: ac.Fit) -> np.ndarray:
+def apart(fit: ac.Fit, other: ac.Fit) -> np.ndarray:
     """Differences of two fits in standard deviations of the first."""
-    return np.array([(b.value - a.value) / a.std for a, b in zip(one.free, other.free, strict=True)])
+    return np.array([(b.value - a.value) / a.std for a, b in zip(fit.free, other.free, strict=True)])
 
 
 def test_the_loop_by_the_weak_form(tmp_path) -> None:
@@ -35,10 +35,10 @@ def test_the_loop_by_the_weak_form(tmp_path) -> None:
     fit = ac.fit(several, method="weak")
     assert fit.method == "weak"
     model_file.save(fit, tmp_path / "m.json")
-    kept = model_file.load(tmp_path / "m.json")
-    found = ac.diagnose(kept, several)
-    assert (found.effects, found.fit.method) == (("cubic",), "weak")
-    grown = ac.add(kept, several, "cubic")
+    remaining = model_file.load(tmp_path / "m.json")
+    diagnosis = ac.diagnose(remaining, several)
+    assert (diagnosis.effects, diagnosis.fit.method) == (("cubic",), "weak")
+    grown = ac.add(remaining, several, "cubic")
     assert grown.method == "weak"
     assert abs(grown["cubic"].value - TRUTH["cubic"]) < 4.0 * grown["cubic"].std
     assert ac.diagnose(grown, several).verdict == "adequate"
@@ -49,18 +49,18 @@ def test_the_loop_by_the_weak_form(tmp_path) -> None:
 
 def test_a_fit_by_the_weak_form_is_checked_by_the_replay() -> None:
     solution = solve_runs(ac.Model.linear().add("cubic"), [recording(2)], engine=ENGINES["weak"])
-    found = differences(solution)
+    result = differences(solution)
     values = dict(zip([term.name for term, _ in solution.layout.slots], solution.x, strict=True))
-    assert {"scale_factor", "time_offset"} <= {one.name for one in found} <= set(values)
-    assert all(one.weak == values[one.name] != one.replay for one in found)
-    assert max(abs(one.sigma) for one in found) < 4.0
+    assert {"scale_factor", "time_offset"} <= {item.name for item in result} <= set(values)
+    assert all(item.weak == values[item.name] != item.replay for item in result)
+    assert max(abs(item.sigma) for item in result) < 4.0
 
 
 def test_a_clock_from_1970_changes_nothing() -> None:
     here = recording(3)
     accel, position = (replace(channel, t=channel.t + 1.7e9) for channel in (here.accel, here.position))
     there = replace(here, accel=accel, position=position)
-    fits = [ac.fit(one, method="weak") for one in (here, there)]
+    fits = [ac.fit(data, method="weak") for data in (here, there)]
     moved = apart(*fits)
     print(f"moved by {np.abs(moved).max():.1e} standard deviations")
     assert np.max(np.abs(moved)) < 0.05
@@ -83,7 +83,9 @@ def test_a_run_without_a_weak_form_is_refused_in_a_sentence() -> None:
 
 @pytest.mark.parametrize("method", ["weak", "replay"])
 def test_a_model_without_a_free_coefficient_is_refused(method: str) -> None:
-    made = ac.simulate("moves", seconds=5.0, rig=CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3))
+    simulation = ac.simulate(
+        "moves", seconds=5.0, rig=CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3)
+    )
     held = ac.Model.linear().freeze(bias=0.0, scale_factor=0.0, time_offset=0.0)
     with pytest.raises(ValueError, match="no coefficient of the model is free: set one free to fit it"):
-        ac.fit(made.recording, held, method=method)
+        ac.fit(simulation.recording, held, method=method)

@@ -62,10 +62,10 @@ def test_what_is_hidden_is_found_and_added(tmp_path, name, crossover):
     """At a rate and length at which the search must have time for it; missed in less than one record of a thousand."""
     hidden = replace(world(crossover, 4), seconds=60.0, hidden=(Hidden(name, CATALOGUE[name].typical),))
     hidden = replace(hidden, nuisances=replace(hidden.nuisances, lowpass_tolerance=0.0))
-    found = ac.improve(load(at_d(hidden, 30.0).record().write(tmp_path)))
-    print(found.effects, found.sentence)
-    assert found.steps[0].fit.method == "weak"
-    assert found.effects == (name,)
+    improvement = ac.improve(load(at_d(hidden, 30.0).record().write(tmp_path)))
+    print(improvement.effects, improvement.sentence)
+    assert improvement.steps[0].fit.method == "weak"
+    assert improvement.effects == (name,)
 
 
 def test_the_replay_of_all_readings_would_be_wrong(tmp_path, monkeypatch):

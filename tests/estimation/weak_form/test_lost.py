@@ -40,15 +40,15 @@ def test_the_weights_of_the_samples_are_those_of_the_sums():
     """By what white noise in the samples makes of the sums: their variance is that of the weights."""
     number, t = lost(0.1)
     rng = case_rng("lost readings", 1)
-    draws, found = [], None
+    draws, result = [], None
     for _ in range(400):
         noise = rng.standard_normal(len(t))
         channel = SampledChannel.of(t, noise, STEP, 1.0 / SPLINES.step)
         assert channel.ticks is not None
         assert len(channel.ticks) == number[-1] + 1
-        rows, found = channel.against(SPLINES, 2)
-        draws.append(channel.sums(SPLINES, 2, found, rows))
-    variance = np.asarray(found.multiply(found).sum(axis=1)).ravel()
+        rows, result = channel.against(SPLINES, 2)
+        draws.append(channel.sums(SPLINES, 2, result, rows))
+    variance = np.asarray(result.multiply(result).sum(axis=1)).ravel()
     ratio = float(np.mean(np.var(draws, axis=0) / variance))
     print(f"variance over that of the weights: {ratio:.3f} (0.97 to 1.03)")
     assert 0.97 < ratio < 1.03
@@ -58,11 +58,11 @@ def test_the_weights_of_the_samples_are_those_of_the_sums():
 def test_lost_readings_cost_what_they_tell_and_no_more(share):
     """The weak form is as sure as the replay, which a lost reading does not stop."""
     rng = case_rng("lost readings of a record", round(100 * share))
-    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
-    kept = rng.random(len(made.position.t)) >= share
-    position = Channel("position", made.position.t[kept], made.position.y[kept], "m")
-    recording = replace(made, position=position)
-    weak, replay = (ac.fit(recording, method=each) for each in ("weak", "replay"))
+    simulation = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
+    remaining = rng.random(len(simulation.position.t)) >= share
+    position = Channel("position", simulation.position.t[remaining], simulation.position.y[remaining], "m")
+    recording = replace(simulation, position=position)
+    weak, replay = (ac.fit(recording, method=item) for item in ("weak", "replay"))
     for name in ("scale_factor", "bias"):
         ratio = weak[name].std / replay[name].std
         print(f"{name}: {ratio:.3f} of the replay (0.95 to 1.05)")

@@ -26,17 +26,17 @@ def recordings(reference):
         yield ac.simulate("tones", reference=reference, **settings).recording
 
 
-def squares(found):
-    z = [(e.value - TRUTH[e.name]) / e.std for fitted in found for e in fitted.free]
+def squares(result):
+    z = [(e.value - TRUTH[e.name]) / e.std for fitted in result for e in fitted.free]
     return float(np.sum(np.square(z)))
 
 
 @pytest.mark.parametrize("reference", ["velocity", "reference_acceleration"])
 def test_estimates_through_a_reference_are_as_right_as_they_say(reference):
-    found = [ac.fit(one) for one in recordings(reference)]
-    assert all(fitted.method == "weak" for fitted in found)
-    assert LEAST < squares(found) < MOST
-    noise = found[0].runs[0].noise
+    results = [ac.fit(recording) for recording in recordings(reference)]
+    assert all(fitted.method == "weak" for fitted in results)
+    assert LEAST < squares(results) < MOST
+    noise = results[0].runs[0].noise
     assert noise.reference == reference
     assert noise.all.reading == pytest.approx({"velocity": 1e-4}.get(reference, 1e-2), rel=0.05)
     assert noise.ratio == pytest.approx(1.0, abs=0.15)
@@ -44,16 +44,16 @@ def test_estimates_through_a_reference_are_as_right_as_they_say(reference):
 
 def test_a_reference_whose_scale_is_off_by_a_ten_thousandth_is_noticed():
     """The twin: some eleven standard deviations of the scale factor, in each record."""
-    found = []
-    for one in recordings("velocity"):
-        off = dataclasses.replace(one.reference, y=1.0001 * one.reference.y)
-        found.append(ac.fit(dataclasses.replace(one, reference=off, position=integrated(off))))
-    assert squares(found) > MOST
+    results = []
+    for recording in recordings("velocity"):
+        off = dataclasses.replace(recording.reference, y=1.0001 * recording.reference.y)
+        results.append(ac.fit(dataclasses.replace(recording, reference=off, position=integrated(off))))
+    assert squares(results) > MOST
 
 
 def test_a_reference_that_is_cut_stays_one():
-    one = next(recordings("velocity"))
-    part = one.part(2.0, 12.0).without((5.0, 6.0))
+    first = next(recordings("velocity"))
+    part = first.part(2.0, 12.0).without((5.0, 6.0))
     assert part.reference is not None
     assert np.array_equal(part.reference.t, part.position.t)
     fitted = ac.fit(part)
@@ -62,11 +62,11 @@ def test_a_reference_that_is_cut_stays_one():
 
 def test_the_floor_of_the_error_has_the_noise_of_the_reference():
     """Simulated noise covers the error of the true model, whose readings are the integral of white noise."""
-    one = next(recordings("velocity"))
-    fitted = ac.fit(one)
-    seen = ac.compare(fitted, one)[0]
-    floor = seen.noise_floor.drift[1.0]
-    assert floor.low < seen.coast_rms[1.0] < floor.high
+    first = next(recordings("velocity"))
+    fitted = ac.fit(first)
+    evaluation = ac.compare(fitted, first)[0]
+    floor = evaluation.noise_floor.drift[1.0]
+    assert floor.low < evaluation.coast_rms[1.0] < floor.high
 
 
 def test_the_model_file_keeps_what_the_reference_is(tmp_path):

@@ -42,8 +42,8 @@ def solution(motion: str, number: int = 0) -> Solution:
 
 
 def gap(channel: ac.Channel, begin: float, end: float) -> ac.Channel:
-    kept = (channel.t < begin) | (channel.t > end)
-    return replace(channel, t=channel.t[kept], y=channel.y[kept])
+    remaining = (channel.t < begin) | (channel.t > end)
+    return replace(channel, t=channel.t[remaining], y=channel.y[remaining])
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -67,11 +67,11 @@ def test_noise_that_is_not_that_of_the_rows_is_seen() -> None:
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_estimates_and_uncertainties_are_those_of_the_replay(motion: str) -> None:
     """A step from the estimates of the replay at the noise of the weak form's own likelihood goes nowhere."""
-    found = solution(motion)
-    rows = with_noise(WeakRows(found.states[0]))
-    X, y = whole_columns(rows, found.model.free), rows.whitened
+    result = solution(motion)
+    rows = with_noise(WeakRows(result.states[0]))
+    X, y = whole_columns(rows, result.model.free), rows.whitened
     covariance = np.linalg.inv(X @ X.T)
-    std = np.sqrt(np.diag(found.covariance))
+    std = np.sqrt(np.diag(result.covariance))
     moved, ratio = covariance @ (X @ y) / std, np.sqrt(np.diag(covariance)) / std
     print(f"{motion}: moved by {np.abs(moved).max():.3f} standard deviations (0.3), ratio {np.round(ratio, 3)} (5 %)")
     assert np.max(np.abs(moved)) < 0.3
@@ -97,8 +97,8 @@ def test_the_covariance_is_that_of_drawn_noise() -> None:
 
 def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums, covariance, innovations and columns do not depend on how many test functions are taken together."""
-    made = recording("moves", 1)
-    broken = replace(made, position=gap(made.position, 10.0, 11.0), accel=gap(made.accel, 20.0, 20.5))
+    simulation = recording("moves", 1)
+    broken = replace(simulation, position=gap(simulation.position, 10.0, 11.0), accel=gap(simulation.accel, 20.0, 20.5))
     state = solve_runs(MODEL, [broken]).states[0]
     monkeypatch.setattr(weak, "TOGETHER", 10**6)
     rows = WeakRows(state)
@@ -137,21 +137,21 @@ def test_an_effect_with_memory_is_evaluated_once_for_many_stretches(monkeypatch:
 
 def test_even_clocks_have_the_same_covariance_all_along(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is found from a few rows, and is that of all; of uneven stamps, or beside a break, it is not taken for so."""
-    made = recording("moves", 3)
-    state = solve_runs(MODEL, [made]).states[0]
-    found = WeakRows(state).covariance
-    assert found.of_output.strides[1] == found.of_readings.strides[1] == 0
-    stamps = made.accel.t + case_rng("weak form stamps", 3).uniform(-3e-5, 3e-5, len(made.accel.t))
+    simulation = recording("moves", 3)
+    state = solve_runs(MODEL, [simulation]).states[0]
+    covariance = WeakRows(state).covariance
+    assert covariance.of_output.strides[1] == covariance.of_readings.strides[1] == 0
+    stamps = simulation.accel.t + case_rng("weak form stamps", 3).uniform(-3e-5, 3e-5, len(simulation.accel.t))
     for other in (
-        replace(made, accel=replace(made.accel, t=stamps)),
-        replace(made, position=gap(made.position, 10.0, 11.0)),
+        replace(simulation, accel=replace(simulation.accel, t=stamps)),
+        replace(simulation, position=gap(simulation.position, 10.0, 11.0)),
     ):
         assert WeakRows(solve_runs(MODEL, [other]).states[0]).covariance.of_output.strides[1] != 0
     monkeypatch.setattr(weak, "constant_diagonals", lambda diagonals: None)
     summed = WeakRows(state).covariance
     assert summed.of_output.strides[1] != 0
     noise, y = (state.noise.q, state.noise.r), WeakRows(state).raw[:, None]
-    first, second = (solved(factor(each.at(*noise)), y) for each in (found, summed))
+    first, second = (solved(factor(item.at(*noise)), y) for item in (covariance, summed))
     assert np.allclose(first, second, rtol=0.0, atol=1e-6)
 
 
@@ -165,8 +165,8 @@ def test_a_run_and_the_rows_that_it_holds_are_freed_together() -> None:
 
 
 def test_no_row_crosses_a_break() -> None:
-    made = recording("moves", 1)
-    broken = replace(made, position=gap(made.position, 10.0, 11.0), accel=gap(made.accel, 20.0, 20.5))
+    simulation = recording("moves", 1)
+    broken = replace(simulation, position=gap(simulation.position, 10.0, 11.0), accel=gap(simulation.accel, 20.0, 20.5))
     rows = WeakRows(solve_runs(MODEL, [broken]).states[0])
     half = 0.5 * rows.splines.support
     for begin, end in ((10.0, 11.0), (20.0, 20.5)):

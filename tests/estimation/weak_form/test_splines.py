@@ -16,11 +16,11 @@ SPLINES = Splines(0.5, 0.01, 180)
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_the_test_functions_are_b_splines(order: int) -> None:
     t = np.random.default_rng(1).uniform(0.4, 2.5, 300)
-    found = SPLINES.weights(t, order, np.ones_like(t)).toarray()
+    result = SPLINES.weights(t, order, np.ones_like(t)).toarray()
     for k in (0, 7, SPLINES.count - 1):
         knots = SPLINES.begins[k] + SPLINES.step * np.arange(DEGREE + 2.0)
         expected = np.nan_to_num(BSpline.basis_element(knots, extrapolate=False).derivative(order)(t))
-        assert np.max(np.abs(found[k] - expected)) < 1e-12 * SPLINES.step**-order
+        assert np.max(np.abs(result[k] - expected)) < 1e-12 * SPLINES.step**-order
 
 
 def test_bands_are_the_covariance() -> None:
@@ -50,12 +50,12 @@ def test_a_sum_over_samples_is_the_integral(kind: str, most: float) -> None:
     t = stamps(kind, step)
     channel = SampledChannel.of(t, 0.1 * np.sin(w * t), step, 1.0 / SPLINES.step)
     rows, weights = channel.against(SPLINES, 2)
-    found = channel.sums(SPLINES, 2, weights, rows)
+    result = channel.sums(SPLINES, 2, weights, rows)
     middle = SPLINES.begins + 0.5 * SPLINES.support
     # The Fourier transform of a cardinal B-spline: a power of sinc, times its step.
     passed = SPLINES.step * np.sinc(w * SPLINES.step / (2.0 * np.pi)) ** (DEGREE + 1)
     expected = -(w**2) * passed * 0.1 * np.sin(w * middle)
-    worst = float(np.max(np.abs(found - expected))) / (w**2 * passed)
+    worst = float(np.max(np.abs(result - expected))) / (w**2 * passed)
     print(f"{kind} stamps: {worst:.1e} m in 0.1 m (at most {most:.0e})")
     assert 0.0 < worst < most
 

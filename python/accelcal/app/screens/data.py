@@ -61,7 +61,7 @@ def ask(page: Page) -> None:
 class Fields:
     """The widgets of the form; each list has an entry for each column."""
 
-    found: Sequence[mapping.Choice]
+    choices: Sequence[mapping.Choice]
     roles: list[ui.select] = field(default_factory=list)
     names: list[ui.input] = field(default_factory=list)
     units: list[ui.input] = field(default_factory=list)
@@ -69,7 +69,7 @@ class Fields:
     @property
     def chosen(self) -> list[mapping.Choice]:
         """What the user has chosen for each column."""
-        fields = zip(self.found, self.roles, self.names, self.units, strict=True)
+        fields = zip(self.choices, self.roles, self.names, self.units, strict=True)
         return [
             mapping.Choice(
                 choice.column, str(name.value if role.value == "other" else role.value), str(unit.value).strip()
@@ -193,7 +193,7 @@ def form(page: Page, *, rig: bool) -> None:
     text = mapping.text_of(run.file, run.sidecar, run.template)
     fields = Fields(mapping.choices(run.columns, text, run.template))
     widgets.table(
-        ["column", "role", "unit", "channel name"], [fields.row(choice) for choice in fields.found], "Columns"
+        ["column", "role", "unit", "channel name"], [fields.row(choice) for choice in fields.choices], "Columns"
     )
     declared = None
     if rig:
@@ -532,7 +532,7 @@ def fitting(page: Page) -> None:
 
 def what_is_fitted(state: State) -> str:
     """Words for the recordings that are fitted; empty for a single one."""
-    fitted = [run for run in state.runs if run.role == "fit" and run.known is not None]
+    fitted = [run for run in state.runs if run.role == "fit" and run.source is not None]
     count = sum(run.recording is not None for run in fitted)
     motions = "one recording" if count == 1 else f"{count} recordings"
     at_rest = len(fitted) > count

@@ -73,7 +73,7 @@ class Card:
 
 def cards(diagnosis: Diagnosis, most: int = 8) -> list[Card]:
     """Candidates, best first, confounded ones together."""
-    named = [f.effect for f in diagnosis.scan.found]
+    named = [f.effect for f in diagnosis.scan.detected]
     return [card(diagnosis, c, named) for group in candidate_groups(diagnosis, most) for c in group]
 
 

@@ -273,7 +273,7 @@ def show(page: Page) -> None:
         with widgets.card("Effects of this model"):
             added(page)
         with widgets.card("Define an effect"):
-            own(page)
+            own_effects(page)
     widgets.copies(page)
 
 
@@ -361,7 +361,7 @@ def added(page: Page) -> None:
         widgets.button("Add to model", "playlist_add", add)
 
 
-def own(page: Page) -> None:
+def own_effects(page: Page) -> None:
     """Turn a formula of the user into a candidate."""
     bench, state = page.bench, page.bench.state
     side = ", ".join(state.data.side)

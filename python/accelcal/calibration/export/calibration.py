@@ -179,7 +179,7 @@ class Calibration(Storable):
     derived: ClassVar[tuple[str, ...]] = ("equation", "unit", "std", "remarks")
 
     fit: Fit
-    own: Characteristic
+    characteristic: Characteristic
     domain: Domain
     double: Code
     single: Code
@@ -241,18 +241,18 @@ class Calibration(Storable):
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """The parameters that are applied."""
-        return tuple(e for e in self.fit.estimates if e.name in self.own.coefficients)
+        return tuple(e for e in self.fit.estimates if e.name in self.characteristic.coefficients)
 
     @property
     def covariance(self) -> Array:
         """Of those among them that are free, in their order, (m, m) SI."""
-        rows = [i for i, e in enumerate(self.fit.free) if e.name in self.own.coefficients]
+        rows = [i for i, e in enumerate(self.fit.free) if e.name in self.characteristic.coefficients]
         return self.fit.covariance[np.ix_(rows, rows)]
 
     @property
     def std(self) -> tuple[float, float]:
         """Least and largest standard uncertainty from the fit over the range, at the reference temperature, m/s²."""
-        spread = [self.own.std(self.fit, float(a)) for a in np.linspace(*self.domain.acceleration, 101)]
+        spread = [self.characteristic.std(self.fit, float(a)) for a in np.linspace(*self.domain.acceleration, 101)]
         return min(spread), max(spread)
 
     @property
@@ -272,8 +272,8 @@ class Calibration(Storable):
         ]
         if not self.fit.rig.coupled:
             notes.append("no constant passed the declared high-pass: the bias is not known and is taken as 0")
-        if self.own.clip is not None:
-            notes.append(f"the range ends where the output saturates, at {self.own.clip:.5g} m/s²")
+        if self.characteristic.clip is not None:
+            notes.append(f"the range ends where the output saturates, at {self.characteristic.clip:.5g} m/s²")
         return tuple(notes)
 
 
@@ -437,7 +437,7 @@ def sensor_name(c: Calibration) -> str:
 
 def equation(c: Calibration) -> str:
     """The forward model in symbols."""
-    terms = [STATIC[name] for name in c.own.coefficients]
+    terms = [STATIC[name] for name in c.characteristic.coefficients]
     written = sorted(terms, key=lambda term: (term.power, term.mirrored, term.thermal))
     return "output = " + " + ".join(term.text for term in written)
 
@@ -481,7 +481,7 @@ def sentences(c: Calibration) -> dict[str, Sequence[str]]:
             f"From a reading of {sensor_name(c)} ({c.unit}) to specific force along its input axis (m/s^2), gravity "
             "included.",
             f"Written by accelcal {__version__} from {c.source or 'a fit'}; the model is in forward sense (IEEE 1293)"
-            f"{f', T from {c.own.reference:.6g} degC' if c.own.needs_temperature else ''}:",
+            f"{f', T from {c.characteristic.reference:.6g} degC' if c.characteristic.needs_temperature else ''}:",
             f"{equation(c)}; {reading(c)}.",
         ],
         "Parameters, with standard uncertainties from the fit": [

@@ -484,8 +484,8 @@ def draft(c: Calibration, laboratory: Laboratory) -> Draft:
     ranges = [("acceleration", c.domain.acceleration, "m/s²")]
     ranges += [("temperature", temperature, "degC")] if temperature else []
     notes = [f"Model in forward sense (IEEE 1293): {equation(c)}; {reading(c)}."]
-    if c.own.needs_temperature:
-        notes.append(f"T counts from {c.own.reference:.6g} degC; the thermometer is taken as exact.")
+    if c.characteristic.needs_temperature:
+        notes.append(f"T counts from {c.characteristic.reference:.6g} degC; the thermometer is taken as exact.")
     notes += [f"{text}." for text in c.remarks]
     notes.append(f"Not certified: {'; '.join(left_out(c))}.")
     if undeclared:
@@ -511,7 +511,9 @@ def quantities(c: Calibration) -> list[Quantity]:
         size = abs(sensor.scale)
         spread = {name: size * value for name, value in expanded.items()}
         rows += [
-            Quantity("sensitivity", sensor.scale * c.own.scale, f"{c.unit}/(m/s²)", spread.get("scale_factor")),
+            Quantity(
+                "sensitivity", sensor.scale * c.characteristic.scale, f"{c.unit}/(m/s²)", spread.get("scale_factor")
+            ),
             Quantity("zero-g output", zero, c.unit, spread.get("bias")),
         ]
     return rows

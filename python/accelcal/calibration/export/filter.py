@@ -1456,9 +1456,9 @@ def rust_state(text: Text) -> str:
     """The type of a filter."""
     kind = text.writer.type()
     fields = "\n".join(
-        f"    /// {said[0].upper()}{said[1:]}.\n    pub {name}: {f'[{kind}; {count}]' if count else kind},"
+        f"    /// {sentence[0].upper()}{sentence[1:]}.\n    pub {name}: {f'[{kind}; {count}]' if count else kind},"
         for name, count in text.sizes.items()
-        for said in [FIELDS[name]]
+        for sentence in [FIELDS[name]]
     )
     counters = "".join(
         f"    /// {what[0].upper()}{what[1:]}.\n    pub {field}: u32,\n" for field, what in text.counters.items()

@@ -481,7 +481,7 @@ def compared(text: Text, watched: Array, most: float, table: Callable[[Text, Arr
     writer, (checks, J, _) = text.writer, watched.shape
     kind = writer.type()
     off = most * np.stack([np.maximum(1.0, 0.2 * np.abs(watched[..., 0])), watched[..., 2]], axis=-1)
-    said, far = (table(text, x.reshape(checks, 2 * J), "0.0") for x in (watched[..., :2], off))
+    expected, far = (table(text, x.reshape(checks, 2 * J), "0.0") for x in (watched[..., :2], off))
     if writer.language == "rust":
         size = f"[[{kind}; {2 * J}]; {checks}]"
         compare = f"""\
@@ -493,7 +493,7 @@ def compared(text: Text, watched: Array, most: float, table: Callable[[Text, Arr
                 }}
             }}
 """
-        return f"const SAID: {size} = {said};\nconst FAR: {size} = {far};\n", compare, f" + {2 * J}"
+        return f"const SAID: {size} = {expected};\nconst FAR: {size} = {far};\n", compare, f" + {2 * J}"
     size = f"[{checks}][{2 * J}]"
     compare = f"""\
             for (j = 0u; j < {J}u && i + 1u == after[k]; ++j) {{
@@ -505,5 +505,5 @@ def compared(text: Text, watched: Array, most: float, table: Callable[[Text, Arr
                 }}
             }}
 """
-    tables = f"static const {kind} said{size} = {said};\nstatic const {kind} far{size} = {far};\n"
+    tables = f"static const {kind} said{size} = {expected};\nstatic const {kind} far{size} = {far};\n"
     return tables, compare, f" + {J}u"

@@ -243,7 +243,7 @@ class Plan(Result):
     def separated(self) -> bool:
         """Whether every pair is separated, and each effect visible."""
         return all(correlation < TIED_CORRELATION for *_, correlation in self.correlations) and all(
-            s.seen for s in self.detectabilities
+            s.visible for s in self.detectabilities
         )
 
 

@@ -264,7 +264,7 @@ class Detectability:
     """Experiment that separates them."""
 
     @property
-    def seen(self) -> bool:
+    def visible(self) -> bool:
         """Whether it is visible before it is as large as the motion itself."""
         return math.isfinite(min(self.smallest))
 
@@ -303,7 +303,7 @@ class Power(Result):
     """Detectable drift bandwidth; None where a plan of several is only compared."""
 
     def __repr__(self) -> str:
-        visible = sum(effect.seen for effect in self.detectabilities)
+        visible = sum(effect.visible for effect in self.detectabilities)
         return f"Power({self.name!r}: {visible} of {len(self.detectabilities)} effects are detectable)"
 
     @property

@@ -281,7 +281,7 @@ def fitted_without(
     """The model with all that was found but the class, and the runs fitted with it."""
     fit = result.best if isinstance(result, Improvement) else result.fit
     model = fit.model.drop(group.effect) if group.effect in fit.model.effects else fit.model
-    for effect in () if isinstance(result, Improvement) else result.scan.found:
+    for effect in () if isinstance(result, Improvement) else result.scan.detected:
         model = model if effect.effect == group.effect else effect.enter(model)
     whole = usable(recordings[0])
     solution = solve_runs(

@@ -59,7 +59,7 @@ class BlockSpectra:
     """(F,) Hz"""
     power: Array
     """(K, F)"""
-    kept: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
     """(all blocks,) whether a block holds enough samples to be among the K."""
     window: Array
 
@@ -87,7 +87,7 @@ class BlockSpectra:
 
     def means(self, x: Array) -> Array:
         """Mean of a uniform series (n,) over each block that is kept, weighted as its power is, (K,)."""
-        return _block_means(x, self.window)[self.kept]
+        return _block_means(x, self.window)[self.complete]
 
 
 def _block_means(x: Array, window: Array) -> Array:
@@ -417,9 +417,9 @@ def remaining_information(response: Array, lost: Places, n: int) -> tuple[Places
     lost : which of the `n` samples are lost, in rising order.
     """
     reach = (len(response) - 1) // 2
-    gone = np.zeros(n, dtype=np.bool_)
-    gone[lost] = True
-    affected = np.flatnonzero(widened(gone, reach) & ~gone)
+    absent = np.zeros(n, dtype=np.bool_)
+    absent[lost] = True
+    affected = np.flatnonzero(widened(absent, reach) & ~absent)
     first = np.searchsorted(lost, affected - reach)
     count = np.searchsorted(lost, affected + reach, side="right") - first
     information = np.empty(len(affected))

@@ -312,15 +312,15 @@ class BlockScatter:
         np.add.at(sums.T, block, np.concatenate([sums for _, sums in parts], axis=1).T)
         self.scores, self.powers = np.split(sums, 2)
         """Score of each column in each block, and its predicted variance, (m, blocks) each."""
-        self.known: dict[tuple[int, tuple[int, ...]], float] = {}
+        self.inflations: dict[tuple[int, tuple[int, ...]], float] = {}
         self._parts: PartScores | None = None
 
     def inflation(self, i: int, given: Sequence[int]) -> float:
         """Ratio of block scatter to predicted variance of a hypothesis's score, at least 1."""
         key = (i, tuple(sorted(given)))
-        if key not in self.known:
-            self.known[key] = self._inflation(*key)
-        return self.known[key]
+        if key not in self.inflations:
+            self.inflations[key] = self._inflation(*key)
+        return self.inflations[key]
 
     def part_sizes(self, i: int, given: Sequence[int]) -> tuple[PartSizes, PartSizes]:
         """Sizes of a hypothesis in the parts of the runs, and in bands of frequency."""

@@ -43,7 +43,7 @@ def detectable_sizes(
     much as the motion itself. A random process has one part, with the information of all its columns.
     """
     item, columns = evidence.items[i], evidence.columns[i]
-    A, diagonal, left = evidence.G[columns, columns], evidence.own[columns], evidence.beyond_line[columns]
+    A, diagonal, left = evidence.G[columns, columns], evidence.power[columns], evidence.beyond_line[columns]
     dof = score_gain(A, evidence.c[columns])[1]
     information = np.diag(A)
     if item.effect.port == "process":
@@ -126,7 +126,7 @@ class Scan:
 
     candidates: tuple[Candidate, ...]
     """By rank."""
-    found: tuple[DetectedEffect, ...]
+    detected: tuple[DetectedEffect, ...]
     """The set that explains most, in order of entry; empty when nothing is significant or the record too short."""
     examined: int
     """Alternatives examined."""

@@ -347,7 +347,7 @@ class CandidateScores:
         self._degenerate: Array = np.array(alike)
         """Share of a column's power below which nothing of it is left beside those chosen, of each hypothesis."""
         self._sum(runs, progress)
-        self.rounding: Array = rounding_variances(self.terms, runs, self.own)
+        self.rounding: Array = rounding_variances(self.terms, runs, self.power)
         """Variance that rounding to counts leaves to each coefficient, in its unit squared."""
 
     def _sum(self, runs: Sequence[BaseProjection], progress: Callable[[float], None] = lambda share: None) -> None:
@@ -355,7 +355,7 @@ class CandidateScores:
         m = len(self.terms)
         self.runs = runs
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
-        self.own: Array = np.zeros(m)
+        self.power: Array = np.zeros(m)
         """Power of each column before the base is projected out."""
         self.beyond_line: Array = np.zeros(m)
         """The same beyond a straight line of the acceleration, of its powers."""
@@ -363,7 +363,7 @@ class CandidateScores:
         for run in runs:
             G, c, diagonal, beyond_line, weights = run.remainder(self.terms, progress)
             self.G += G
-            self.own += diagonal
+            self.power += diagonal
             self.beyond_line += beyond_line
             self.c += c
             self._weights.append(weights)

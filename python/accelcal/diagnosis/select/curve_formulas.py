@@ -287,7 +287,7 @@ class HatGram:
         self.nodes = nodes
         items = [Hypothesis(effect, {}), *(item for element in memories for item in element.memory)]
         evidence = CandidateScores([BaseProjection(state, model)], items).against_slow_noise()
-        self.G, self.own = evidence.G, evidence.own
+        self.G, self.power = evidence.G, evidence.power
         back = fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
         self.c = evidence.c + self.G[:, : len(nodes)] @ back
         self.blocks = max(2.0, float(state.run.t[-1] - state.run.t[0]) / block_length(state))
@@ -299,7 +299,7 @@ class HatGram:
         Further rows are weights of the columns of mechanisms.
         """
         m = len(columns)
-        before = np.diag(self.own[:m] @ columns**2)
+        before = np.diag(self.power[:m] @ columns**2)
         return score_gain(columns.T @ self.G[:m, :m] @ columns, columns.T @ self.c[:m], before)
 
     def of_function(self, values: Array) -> float:

@@ -55,7 +55,7 @@ class Improvement(Result):
     True
     """
 
-    derived: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
+    derived: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "detected", "left", "importance", "changes")
 
     steps: tuple[Step, ...]
     best: Fit
@@ -72,7 +72,7 @@ class Improvement(Result):
         return f"Improvement({' + '.join(('base', *self.effects))}; {self.sentence})"
 
     @property
-    def found(self) -> tuple[Finding, ...]:
+    def detected(self) -> tuple[Finding, ...]:
         """Every effect that was found, in the order added."""
         last, groups = self.diagnosis, {group.effect: group for group in self.classes}
         in_the_model = {"time_offset", *last.fit.model.effects}
@@ -97,7 +97,7 @@ class Improvement(Result):
         """The verdict on what the last model lacks, and the sentence on it; what was found in its noise is not
         missing."""
         last = self.diagnosis
-        if last.verdict not in ("named", "tied") or last.scan.found or not last.channels:
+        if last.verdict not in ("named", "tied") or last.scan.detected or not last.channels:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
         return judgement(Case(last.fit, last.scan, tests, last.unnamed, last.classes, last.remarks))
@@ -105,7 +105,7 @@ class Improvement(Result):
     @property
     def sentence(self) -> str:
         """What was found, then what is left, and the best step where the last one is worse on held-out data."""
-        text = with_findings(self.found, self.left[1], self.diagnosis.fit.rig.tolerance)
+        text = with_findings(self.detected, self.left[1], self.diagnosis.fit.rig.tolerance)
         rises = [remark.sentence for remark in self.diagnosis.remarks if remark.code == "heldout_rises"]
         return " ".join([text, *(f"{sentence}." for sentence in rises)])
 

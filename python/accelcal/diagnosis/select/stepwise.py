@@ -333,10 +333,10 @@ class StepwiseSelection:
             stop = remark("search_stopped", models=self.budget.models)
             verdict = replace(verdict, remarks=(*verdict.remarks, stop))
         sigmas = {test.effect: math.sqrt(test.evidence) for test in reversed(verdict.channels) if test.shape}
-        sigmas |= {finding.effect: 0.0 for finding in verdict.scan.found} | {
+        sigmas |= {finding.effect: 0.0 for finding in verdict.scan.detected} | {
             c.effect: c.snr for c in verdict.scan.candidates
         }
-        lacking = [effect.effect for effect in verdict.scan.found] or [t.effect for t in verdict.channels if t.shape]
+        lacking = [effect.effect for effect in verdict.scan.detected] or [t.effect for t in verdict.channels if t.shape]
         if not lacking:
             return verdict
         missing = lacking[0]
@@ -382,17 +382,17 @@ class StepwiseSelection:
         to explain for what came first and for all that is confounded with that.
         """
         scan = self.current.verdict.scan
-        lead, rivals = scan.found[:1], scan.rivals[:NAMED_ALTERNATIVES]
+        lead, rivals = scan.detected[:1], scan.rivals[:NAMED_ALTERNATIVES]
         first = {finding.effect for finding in lead or scan.changing[:1]}
         curve = any(find(name).family for name in first)
-        for finding in (*rivals, *scan.found) if curve else (*lead, *(rivals if lead else ()), *scan.found[1:]):
+        for finding in (*rivals, *scan.detected) if curve else (*lead, *(rivals if lead else ()), *scan.detected[1:]):
             if finding.effect in self.refused or (among is not None and finding.effect not in among):
                 continue
             # readings that an error of the encoder moves pass for outliers: with it they are tested anew
             anew = "instant" in finding.shape or find(finding.effect).port == "position"
             judged = self.tried(finding, anew=anew)
             if judged is not None and (
-                finding in scan.found or not any(first & {*rest.members} for rest in judged.verdict.scan.found)
+                finding in scan.detected or not any(first & {*rest.members} for rest in judged.verdict.scan.detected)
             ):
                 return finding, judged
         return None
@@ -458,7 +458,7 @@ class StepwiseSelection:
             return None
         if judged is None:
             return None
-        left = {finding.effect for finding in judged.verdict.scan.found}
+        left = {finding.effect for finding in judged.verdict.scan.detected}
         if left & {*replacement.effect.covers, *replacement.replaced} or (
             left and replacement.effect.port == "process"
         ):
@@ -470,7 +470,7 @@ class StepwiseSelection:
         with suppress(ValueError):
             if self.budget.allows_another():
                 judged = self.judge(self.refit(self.current.model.drop(name)))
-                return None if any(name in finding.members for finding in judged.verdict.scan.found) else judged
+                return None if any(name in finding.members for finding in judged.verdict.scan.detected) else judged
         return None
 
     def may_be_redundant(self, name: str) -> bool:
