@@ -183,7 +183,7 @@ def corrected(
     last: _Array,
     steps: _Array,
     trial: tuple[_Array, _Array],
-    found: _Array,
+    acceleration: _Array,
     slopes: tuple[_Array, _Array],
 ) -> _Array: ...
 def displaced(last: _Array, steps: _Array, added: _Array) -> tuple[_Array, _Array]: ...

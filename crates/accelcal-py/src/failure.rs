@@ -25,8 +25,8 @@ impl Circumstances {
             AnySystem::Cwpa(_) => &["p", "v", "a"],
         };
         let parameters: &[&str] = if columns { &["k", "K0"] } else { &["k", "K0", "K2", "K3"] };
-        let known = motion.iter().chain(parameters).map(ToString::to_string);
-        let names = known.chain((1..).map(|j| format!("c_{j}")));
+        let named = motion.iter().chain(parameters).map(ToString::to_string);
+        let names = named.chain((1..).map(|j| format!("c_{j}")));
         let deviations = P.iter().step_by(states + 1).map(|variance| variance.sqrt());
         Self {
             integrator: setup.choices.integrator,

@@ -150,12 +150,12 @@ impl FixedRateFilter {
     /// Of each suspect, (J, 6): logarithm of its e-value, size, standard deviation, s since when, score and information.
     #[getter]
     fn evidence(&self, py: Python<'_>) -> PyResult<Matrix> {
-        let each = (0..self.suspects).filter_map(|j| {
+        let suspects = (0..self.suspects).filter_map(|j| {
             let (evidence, [b, G], steps) = self.filter.evidence(j)?;
             let since = steps.saturating_sub(evidence.since) as f64 * self.dt;
             Some([evidence.log_e, evidence.size, evidence.std, since, b, G])
         });
-        matrix(py, each.flatten().collect(), 6)
+        matrix(py, suspects.flatten().collect(), 6)
     }
 
     /// Takes in a record, `u` and `z` (n,), NaN where not read; histories go into arrays of the caller's.
@@ -297,19 +297,19 @@ where
     let Some(array) = array else {
         return Ok(None);
     };
-    let refused = |found: String| {
+    let refused = |actual: String| {
         PyValueError::new_err(format!(
-            "{name}: give a writable, C-contiguous float64 array of shape {shape:?}; found {found}"
+            "{name}: give a writable, C-contiguous float64 array of shape {shape:?}; found {actual}"
         ))
     };
     let untyped = array.cast::<numpy::PyUntypedArray>().map_err(|_| refused(array.get_type().to_string()))?;
-    let found = format!("dtype {}, shape {:?}", untyped.dtype(), untyped.shape());
+    let actual = format!("dtype {}, shape {:?}", untyped.dtype(), untyped.shape());
     if untyped.shape() != shape {
-        return Err(refused(found));
+        return Err(refused(actual));
     }
-    let typed = array.cast::<PyArray<f64, numpy::ndarray::Dim<[usize; D]>>>().map_err(|_| refused(found.clone()))?;
-    let writable = typed.try_readwrite().map_err(|_| refused(format!("{found}, read-only or in use")))?;
-    if writable.is_c_contiguous() { Ok(Some(writable)) } else { Err(refused(format!("{found}, not contiguous"))) }
+    let typed = array.cast::<PyArray<f64, numpy::ndarray::Dim<[usize; D]>>>().map_err(|_| refused(actual.clone()))?;
+    let writable = typed.try_readwrite().map_err(|_| refused(format!("{actual}, read-only or in use")))?;
+    if writable.is_c_contiguous() { Ok(Some(writable)) } else { Err(refused(format!("{actual}, not contiguous"))) }
 }
 
 fn slice<'a, T: Element, D: numpy::ndarray::Dimension>(

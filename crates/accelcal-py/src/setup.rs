@@ -47,9 +47,9 @@ pub struct FilterSetup {
 }
 
 fn chosen<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
-    choices.iter().find(|(known, _)| *known == name).map(|(_, choice)| *choice).ok_or_else(|| {
-        let known: Vec<&str> = choices.iter().map(|(known, _)| *known).collect();
-        PyValueError::new_err(format!("{what} = {name:?}: choose one of {known:?}"))
+    choices.iter().find(|(words, _)| *words == name).map(|(_, choice)| *choice).ok_or_else(|| {
+        let words: Vec<&str> = choices.iter().map(|(words, _)| *words).collect();
+        PyValueError::new_err(format!("{what} = {name:?}: choose one of {words:?}"))
     })
 }
 

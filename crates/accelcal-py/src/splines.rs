@@ -27,8 +27,8 @@ pub fn spline_weights<'py>(
     if !rest.is_empty() || weight.len() != t.len() {
         return Err(PyValueError::new_err("a weight for each sample and ten polynomials are needed"));
     }
-    let found = py.detach(|| compressed(t, weight, powers, (start, step), count));
-    let (values, columns, begins) = found.ok_or_else(|| PyValueError::new_err("too many samples for one matrix"))?;
+    let sparse = py.detach(|| compressed(t, weight, powers, (start, step), count));
+    let (values, columns, begins) = sparse.ok_or_else(|| PyValueError::new_err("too many samples for one matrix"))?;
     Ok((PyArray1::from_vec(py, values), PyArray1::from_vec(py, columns), PyArray1::from_vec(py, begins)))
 }
 

@@ -227,15 +227,15 @@ fn worst_distance<const N: usize, const M: usize>(steps: usize, variance: f64) -
 /// Four to eight states, priors from diffuse to sharp.
 fn single_precision_stays_near(steps: usize) {
     for variance in [1.0, 1e-2, 1e-4] {
-        let found = [
+        let actual = [
             worst_distance::<4, 2>(steps, variance),
             worst_distance::<5, 3>(steps, variance),
             worst_distance::<6, 4>(steps, variance),
             worst_distance::<7, 5>(steps, variance),
             worst_distance::<8, 6>(steps, variance),
         ];
-        println!("prior {variance:e}, 4 to 8 states: {found:.3?} sigma over {steps} steps");
-        assert!(found.iter().all(|worst| *worst < 0.1), "{found:?}"); // a tenth of what the filter does not know
+        println!("prior {variance:e}, 4 to 8 states: {actual:.3?} sigma over {steps} steps");
+        assert!(actual.iter().all(|worst| *worst < 0.1), "{actual:?}"); // a tenth of what the filter does not know
     }
 }
 

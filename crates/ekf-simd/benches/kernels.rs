@@ -63,9 +63,9 @@ mod table {
         let points: Vec<(f64, f64)> = WIDTHS
             .iter()
             .zip(&times[1..])
-            .map(|(&parameters, each)| {
-                let ns = median(each.clone());
-                println!("| {parameters} | {ns:.1} | {:.2} |", ratio(each, &times[0]));
+            .map(|(&parameters, measured)| {
+                let ns = median(measured.clone());
+                println!("| {parameters} | {ns:.1} | {:.2} |", ratio(measured, &times[0]));
                 ((parameters as f64).ln(), ns.ln())
             })
             .collect();
@@ -125,8 +125,8 @@ mod table {
         let steps = RUNS * (samples - 1);
         let times = rounds(&works, steps);
         println!("\n| W2, {RUNS} runs | ns per run-step | of one run at a time | bar | |\n|---|---|---|---|---|");
-        for (&(path, bar), each) in open.iter().zip(&times) {
-            let ns = least(each);
+        for (&(path, bar), measured) in open.iter().zip(&times) {
+            let ns = least(measured);
             let part = ns / least(&times[0]);
             println!("| {path:?} | {ns:.1} | {part:.2} | {bar:.2} | {} |", verdict(part <= bar));
         }

@@ -65,7 +65,7 @@ impl<const N: usize> NullaryFnOnce for Innovations<'_, N> {
         let n = parts.first().map_or(0, |readings| readings.t.len());
         let interleaved = interleave(parts, None)?;
         if rows.len() != N * n {
-            return Err(ConditionError::Length { expected: N * n, found: rows.len() }.into());
+            return Err(ConditionError::Length { expected: N * n, actual: rows.len() }.into());
         }
         let mut k = 0;
         filter::innovations(

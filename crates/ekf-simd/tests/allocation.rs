@@ -154,13 +154,13 @@ fn no_step_at_a_fixed_rate_allocates() {
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N);
             let system = Aci { sensor: sensor(form), q: 1e-6, tau: 0.0 };
             let chosen = filter(system, integrator, Carrier::Dense);
-            let mut made = aci(&chosen, Correction::None, DT, Prior { states: N, x: &x, P: &P }).unwrap();
-            assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
+            let mut steps = aci(&chosen, Correction::None, DT, Prior { states: N, x: &x, P: &P }).unwrap();
+            assert_eq!(fixed_rate_steps(&mut *steps, 0), 0);
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N + 1);
             let system = Cwpa { sensor: sensor(form), q: 25.0, low_pass: None };
             let chosen = filter(system, integrator, Carrier::Dense);
-            let mut made = cwpa(&chosen, DT, Prior { states: N + 1, x: &x, P: &P }).unwrap();
-            assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
+            let mut steps = cwpa(&chosen, DT, Prior { states: N + 1, x: &x, P: &P }).unwrap();
+            assert_eq!(fixed_rate_steps(&mut *steps, 0), 0);
         }
         for effects in [0, 1, 6, 14] {
             let N = 4 + effects;
@@ -168,8 +168,8 @@ fn no_step_at_a_fixed_rate_allocates() {
             let system = Aci { sensor: sensor(Form::Forward), q: 1e-6, tau: 1e-3 };
             let chosen = filter(system, integrator, Carrier::Dense);
             let prior = Prior { states: N, x: &x, P: &P };
-            let mut made = aci_with_effects(&chosen, Correction::None, DT, 9.8, &[], prior).unwrap();
-            assert_eq!(fixed_rate_steps(&mut *made, effects), 0);
+            let mut steps = aci_with_effects(&chosen, Correction::None, DT, 9.8, &[], prior).unwrap();
+            assert_eq!(fixed_rate_steps(&mut *steps, effects), 0);
         }
     }
 }

@@ -131,8 +131,8 @@ fn agrees<S: System<N>, const N: usize>(
     one.over(&u, &z, &mut histories).unwrap();
     assert!(first[0] > 0.0 && first[N] == 0.0);
     for j in 0..STEPS {
-        let found = steps.step(&SampleInput { u: u[j], z: z[j], effects: None, suspects: None }).unwrap();
-        assert_eq!(found.map_or(f64::NAN, |found| found.e).to_bits(), innovations[j].to_bits());
+        let actual = steps.step(&SampleInput { u: u[j], z: z[j], effects: None, suspects: None }).unwrap();
+        assert_eq!(actual.map_or(f64::NAN, |actual| actual.e).to_bits(), innovations[j].to_bits());
         for i in 0..N {
             assert_eq!(steps.x(i).to_bits(), states[N * j + i].to_bits());
         }
@@ -260,7 +260,7 @@ fn settings_that_the_core_refuses_are_refused() {
     let five = Prior { states: 5, x: &[0.0; 5], P: &P };
     let batch = Batch { dt: DT, samples: 3, runs: 1, output: &[0.0; 3], position: &[0.0; 3] };
     let refused = |filter: Filter<Aci>, name: &'static str| {
-        let value = |error| matches!(error, Some(SetupError::Setting { name: found, .. }) if found == name);
+        let value = |error| matches!(error, Some(SetupError::Setting { name: actual, .. }) if actual == name);
         let none = Correction::None;
         assert!(value(aci(&filter, none, DT, four).err()), "aci: {name}");
         assert!(value(aci_with_effects(&filter, none, DT, 0.0, &[], four).err()), "effects: {name}");

@@ -29,12 +29,12 @@ struct Record {
 
 impl Record {
     fn new(seed: f64) -> Self {
-        let each = |f: &dyn Fn(f64) -> f64| (0..READINGS).map(|k| f(k as f64 + seed)).collect::<Vec<_>>();
+        let readings = |f: &dyn Fn(f64) -> f64| (0..READINGS).map(|k| f(k as f64 + seed)).collect::<Vec<_>>();
         Self {
             t: (0..READINGS).map(|k| 1e-3 * (k as f64 + 0.3 * (k as f64 * 1.7 + seed).sin())).collect(),
-            z: each(&|x| 1e-5 * (0.3 * x).cos()),
-            first: each(&|x| 1e-4 * (0.1 * x).sin()),
-            second: each(&|x| 1e-8 * (0.2 * x).cos()),
+            z: readings(&|x| 1e-5 * (0.3 * x).cos()),
+            first: readings(&|x| 1e-4 * (0.1 * x).sin()),
+            second: readings(&|x| 1e-8 * (0.2 * x).cos()),
             restart: (0..READINGS).map(|k| k == 0 || k == 90).collect(),
             extra_q: (0..READINGS).map(|k| if k % 31 == 7 { 1e-6 } else { 0.0 }).collect(),
             extra_R: (0..READINGS).map(|k| if k % 23 == 3 { 1e-12 } else { 0.0 }).collect(),
@@ -77,10 +77,10 @@ fn same_columns<const N: usize>(seed: f64) -> bool {
     let (readings, cells) = prepared(&record);
     let span = ReadingSpan { readings: &readings, cells: &cells, group: GROUP };
     let groups = record.counts.iter().filter(|&&counted| counted).count() / GROUP;
-    let made: [Vec<f64>; N] =
+    let columns: [Vec<f64>; N] =
         core::array::from_fn(|j| (0..ROWS).map(|k| (0.01 * (j + 1) as f64 * k as f64 + seed).sin()).collect());
-    let columns: [&[f64]; N] = core::array::from_fn(|j| made[j].as_slice());
-    let read: [&[f64]; N] = core::array::from_fn(|j| &made[j][..READINGS]);
+    let columns: [&[f64]; N] = core::array::from_fn(|j| columns[j].as_slice());
+    let read: [&[f64]; N] = core::array::from_fn(|j| &columns[j][..READINGS]);
     let is_constant = Response { p: [0.0; N], v: [0.0; N] };
     let mut sums = [(); 4].map(|()| vec![vec![0.0; groups]; N]);
     let mut states = [is_constant; 4];
@@ -123,9 +123,9 @@ fn same_parts<const N: usize>(seed: f64) -> bool {
 #[test]
 fn rows_that_do_not_hold_the_innovations_are_refused() {
     let record = Record::new(0.0);
-    let found = ekf_simd::replay::innovations([record.readings(); 4], NOISE, PRIOR, &mut [0.0; READINGS]);
-    let expected = ConditionError::Length { expected: 4 * READINGS, found: READINGS };
-    assert_eq!(found, Err(ReplayError::Condition(expected)));
+    let actual = ekf_simd::replay::innovations([record.readings(); 4], NOISE, PRIOR, &mut [0.0; READINGS]);
+    let expected = ConditionError::Length { expected: 4 * READINGS, actual: READINGS };
+    assert_eq!(actual, Err(ReplayError::Condition(expected)));
 }
 
 proptest! {

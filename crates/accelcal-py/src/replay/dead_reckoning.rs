@@ -46,15 +46,15 @@ pub fn corrected<'py>(
     last: PyReadonlyArray2<'py, f64>,
     steps: PyReadonlyArray2<'py, f64>,
     trial: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>),
-    found: PyReadonlyArray2<'py, f64>,
+    acceleration: PyReadonlyArray2<'py, f64>,
     slopes: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>),
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (n, w) = (steps.shape()[0], steps.shape()[1]);
-    let each = [&trial.0, &trial.1, &found, &slopes.0, &slopes.1];
-    if last.shape() != [n, 3] || w == 0 || each.iter().any(|y| y.shape() != [n, w]) {
+    let arrays = [&trial.0, &trial.1, &acceleration, &slopes.0, &slopes.1];
+    if last.shape() != [n, 3] || w == 0 || arrays.iter().any(|y| y.shape() != [n, w]) {
         return Err(PyValueError::new_err("the last displacements, steps, trial and slopes are of different shapes"));
     }
-    let (last, steps, found) = (last.as_slice()?, steps.as_slice()?, found.as_slice()?);
+    let (last, steps, acceleration) = (last.as_slice()?, steps.as_slice()?, acceleration.as_slice()?);
     let (v, p) = (trial.0.as_slice()?, trial.1.as_slice()?);
     let (slope_p, slope_v) = (slopes.0.as_slice()?, slopes.1.as_slice()?);
     let mut a = vec![0.0; n * w];
@@ -64,7 +64,7 @@ pub fn corrected<'py>(
             for i in path * w..(path + 1) * w {
                 let slopes = Slopes { p: slope_p[i], v: slope_v[i] };
                 let here = Displacement { a: 0.0, v: v[i], p: p[i] };
-                at = at.corrected(steps[i], Trial { at: here, found: found[i], slopes });
+                at = at.corrected(steps[i], Trial { at: here, acceleration: acceleration[i], slopes });
                 a[i] = at.a;
             }
         }
@@ -94,7 +94,7 @@ pub fn dead_reckoning_variance<'py>(
     }
     let (covariances, steps) = (covariances.as_slice_mut()?, steps.as_slice()?);
     let (slopes_p, slopes_v, lost) = (slopes_p.as_slice()?, slopes_v.as_slice()?, lost.as_slice()?);
-    let mut found = vec![0.0; n * w];
+    let mut variances = vec![0.0; n * w];
     py.detach(|| {
         for (path, entries) in covariances.chunks_exact_mut(3).enumerate() {
             let mut P = MotionCovariance { pp: entries[0], pv: entries[1], vv: entries[2] };
@@ -102,10 +102,10 @@ pub fn dead_reckoning_variance<'py>(
             for step in 0..w {
                 let i = path * w + step;
                 P = P.dead_reckoned(steps[i], at(step), at(step + 1), StepNoise { q, lost: lost[i] });
-                found[i] = P.pp;
+                variances[i] = P.pp;
             }
             entries.copy_from_slice(&[P.pp, P.pv, P.vv]);
         }
     });
-    PyArray1::from_vec(py, found).reshape([n, w])
+    PyArray1::from_vec(py, variances).reshape([n, w])
 }

@@ -68,10 +68,10 @@ pub fn innovations<'py>(
     let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
     let drives = drives.iter().map(readings_of).collect::<PyResult<Vec<_>>>()?;
     let n = drives.first().map_or(0, |readings| readings.t.len());
-    let mut found = vec![0.0; drives.len() * n];
+    let mut innovations = vec![0.0; drives.len() * n];
     py.detach(|| {
         let (fours, singles) = drives.as_chunks::<4>();
-        let (several, alone) = found.split_at_mut(4 * n * fours.len());
+        let (several, alone) = innovations.split_at_mut(4 * n * fours.len());
         for (drives, rows) in fours.iter().zip(several.chunks_exact_mut((4 * n).max(1))) {
             wide::innovations(*drives, noise, prior, rows)?;
         }
@@ -81,7 +81,7 @@ pub fn innovations<'py>(
         Ok(())
     })
     .map_err(|error: ReplayError| refuse(error))?;
-    PyArray1::from_vec(py, found).reshape([drives.len(), n])
+    PyArray1::from_vec(py, innovations).reshape([drives.len(), n])
 }
 
 /// Products of the innovations of five drives, and the count of readings, summed over blocks of time, (blocks, 6, 6).

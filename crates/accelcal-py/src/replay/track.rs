@@ -148,7 +148,7 @@ impl ReplayTrack {
     fn series<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Out<'py>> {
         let index = SERIES
             .iter()
-            .position(|&known| known == name)
+            .position(|&series| series == name)
             .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; present are {SERIES:?}")))?;
         Ok(PyArray1::from_slice(py, self.all()[index]))
     }

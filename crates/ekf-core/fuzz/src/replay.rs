@@ -11,7 +11,7 @@ use crate::numbers::{any, nearly, size, times, values};
 
 /// Runs the target.
 pub fn run(data: &[u8]) {
-    let _ = one(&mut Unstructured::new(data)); // bytes that end early are no case
+    let _ = case(&mut Unstructured::new(data)); // bytes that end early are no case
 }
 
 fn sizes(u: &mut Unstructured<'_>, count: usize, scale: f64) -> Result<Vec<f64>> {
@@ -22,7 +22,7 @@ fn flags(u: &mut Unstructured<'_>, count: usize) -> Result<Vec<bool>> {
     (0..count).map(|_| u.ratio(1, 8)).collect()
 }
 
-fn one(u: &mut Unstructured<'_>) -> Result<()> {
+fn case(u: &mut Unstructured<'_>) -> Result<()> {
     let n = u.int_in_range(0..=12)?;
     let noise = Noise { q: size(u, 1e-6)?, R: size(u, 1e-12)? };
     let P = MotionCovariance { pp: size(u, 1e-8)?, pv: 0.0, vv: size(u, 1e-4)? };
@@ -49,8 +49,8 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
         extra_q: &extra_q,
         extra_R: &extra_R,
     };
-    let mut kept: [Vec<f64>; 9] = core::array::from_fn(|_| vec![0.0; n]);
-    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut kept;
+    let mut series: [Vec<f64>; 9] = core::array::from_fn(|_| vec![0.0; n]);
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut series;
     let ran = filter(readings, noise, prior, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv });
     let counts = flags(u, n)?;
     if let Ok(interleaved) = interleave([readings], Some([&counts])) {
@@ -61,7 +61,7 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
             Err(ReplayError::LogLikelihood { value }) => {
                 assert!(ran.is_ok() && !value.is_finite(), "a log-likelihood of {value} is refused");
                 let usual = |(e, S): (&f64, &f64)| e * e / S < 1e300 && (1e-38..1e38).contains(S);
-                assert!(!kept[0].iter().zip(&kept[1]).all(usual), "no innovation is out of range");
+                assert!(!series[0].iter().zip(&series[1]).all(usual), "no innovation is out of range");
             }
             _ => assert_eq!(ran.is_ok(), likelihood.is_ok(), "one loop refuses what the other takes"),
         }
@@ -72,7 +72,7 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
     if ran.is_err() {
         return Ok(());
     }
-    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &kept;
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &series;
     for (index, &variance) in S.iter().enumerate() {
         assert!(variance > 0.0, "variance {variance} of innovation {index}");
     }

@@ -8,10 +8,10 @@ use crate::numbers::any;
 
 /// Runs the target.
 pub fn run(data: &[u8]) {
-    let _ = one(&mut Unstructured::new(data)); // bytes that end early are no case
+    let _ = case(&mut Unstructured::new(data)); // bytes that end early are no case
 }
 
-fn one(u: &mut Unstructured<'_>) -> Result<()> {
+fn case(u: &mut Unstructured<'_>) -> Result<()> {
     let form = *u.choose(&[Form::Inverse, Form::Forward])?;
     let input = any(u, 10.0)?;
     let parameters = Parameters { k: any(u, 0.1)?, K0: any(u, 1.0)?, K2: any(u, 1e-2)?, K3: any(u, 1e-3)? };

@@ -41,9 +41,9 @@ impl Drawn for Cwpa {
 fn sensor(u: &mut Unstructured<'_>) -> Result<Sensor> {
     let form = *u.choose(&[Form::Inverse, Form::Forward])?;
     let mut gauss_markov = [GaussMarkov::CONSTANT; 4];
-    for (each, sigma) in gauss_markov.iter_mut().zip([1e-2, 0.1, 1e-3, 1e-4]) {
+    for (process, sigma) in gauss_markov.iter_mut().zip([1e-2, 0.1, 1e-3, 1e-4]) {
         if u.ratio(1, 3)? {
-            *each = GaussMarkov { rate: size(u, 1.0)?, q: size(u, sigma * sigma)? };
+            *process = GaussMarkov { rate: size(u, 1.0)?, q: size(u, sigma * sigma)? };
         }
     }
     Ok(Sensor { form, gauss_markov })
@@ -74,8 +74,8 @@ pub fn filter<S: Drawn>(u: &mut Unstructured<'_>, states: usize) -> Result<Filte
 /// If no bytes are left.
 pub fn prior<const N: usize>(u: &mut Unstructured<'_>, scale: &[f64; 8]) -> Result<Belief<N>> {
     let mut sigma = [0.0; N];
-    for (i, each) in sigma.iter_mut().enumerate() {
-        *each = size(u, scale[i])?;
+    for (i, process) in sigma.iter_mut().enumerate() {
+        *process = size(u, scale[i])?;
     }
     let correlated = u.ratio(1, 3)?;
     let mut B = SMatrix::<f64, N, N>::identity();

@@ -11,10 +11,10 @@ use crate::numbers::{any, nearly, size, times, values};
 
 /// Runs the target.
 pub fn run(data: &[u8]) {
-    let _ = one(&mut Unstructured::new(data)); // bytes that end early are no case
+    let _ = case(&mut Unstructured::new(data)); // bytes that end early are no case
 }
 
-fn one(u: &mut Unstructured<'_>) -> Result<()> {
+fn case(u: &mut Unstructured<'_>) -> Result<()> {
     let interpolation = *u.choose(&[Interpolation::Hold, Interpolation::Linear, Interpolation::Cubic])?;
     let (n, m) = (u.int_in_range(0..=12)?, u.int_in_range(0..=12)?);
     let (t, at) = (times(u, n, 1e-3)?, times(u, m, 1e-3)?);

@@ -50,9 +50,9 @@ fn require_promises(cases: impl Fn(&str) -> Vec<(String, Vec<u8>)>) {
     for (name, run) in TARGETS {
         let all = cases(name);
         let words = all.iter().filter_map(|(case, data)| Some(format!("{name} {case}: {}", failure(run, data)?)));
-        let found: Vec<_> = words.collect();
-        println!("{name}: {} of {} cases break a promise (0)", found.len(), all.len());
-        failed.extend(found.into_iter().take(9));
+        let broken: Vec<_> = words.collect();
+        println!("{name}: {} of {} cases break a promise (0)", broken.len(), all.len());
+        failed.extend(broken.into_iter().take(9));
     }
     let _ = panic::take_hook();
     assert!(failed.is_empty(), "{failed:#?}");

@@ -47,7 +47,7 @@ impl<const N: usize> System<N> for Aci {
         }
         F[(POSITION, VELOCITY)] = 1.0;
         DQDt[(VELOCITY, VELOCITY)] = g.gradient[0] * g.gradient[0] * self.q;
-        for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+        for (i, j, gauss_markov) in self.sensor.processes::<N>(FIRST) {
             f[i] = -gauss_markov.rate * x[i];
             F[(VELOCITY, i)] = g.gradient[j];
             F[(i, i)] = -gauss_markov.rate;
@@ -73,7 +73,7 @@ impl<const N: usize> System<N> for Aci {
             Transition { x: self.sensor.decayed(FIRST, x, h), Phi: SMatrix::identity(), Q: SMatrix::zeros() };
         next.x[POSITION] += h * x[VELOCITY];
         next.Phi[(POSITION, VELOCITY)] = h;
-        for (i, _, gauss_markov) in self.sensor.each::<N>(FIRST) {
+        for (i, _, gauss_markov) in self.sensor.processes::<N>(FIRST) {
             next.Phi[(i, i)] = gauss_markov.decay(h);
         }
         for (s, weight) in nodes(0.0, h) {
@@ -85,7 +85,7 @@ impl<const N: usize> System<N> for Aci {
             }
             next.x[POSITION] += weight * (h - s) * a;
             next.x[VELOCITY] += weight * a;
-            for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+            for (i, j, gauss_markov) in self.sensor.processes::<N>(FIRST) {
                 let slope = weight * g.gradient[j] * gauss_markov.decay(s);
                 next.Phi[(POSITION, i)] += (h - s) * slope;
                 next.Phi[(VELOCITY, i)] += slope;
@@ -96,7 +96,7 @@ impl<const N: usize> System<N> for Aci {
             next.Q[(VELOCITY, VELOCITY)] += pushed;
         }
         next.Q[(VELOCITY, POSITION)] = next.Q[(POSITION, VELOCITY)];
-        for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+        for (i, j, gauss_markov) in self.sensor.processes::<N>(FIRST) {
             if gauss_markov.q > 0.0 {
                 for (s, weight) in nodes(0.0, h) {
                     let b = self.influence(x, drive, s, (i, j))?;
@@ -123,7 +123,7 @@ impl Aci {
     /// The parameters' covariance `s` seconds into the step.
     fn curvature_variance<const N: usize>(&self, P: &SMatrix<f64, N, N>, s: f64) -> SMatrix<f64, N, N> {
         let mut P = *P;
-        for (i, _, gauss_markov) in self.sensor.each::<N>(FIRST) {
+        for (i, _, gauss_markov) in self.sensor.processes::<N>(FIRST) {
             let decay = gauss_markov.decay(s);
             for k in 0..N {
                 P[(i, k)] *= decay;

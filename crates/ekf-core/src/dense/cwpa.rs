@@ -69,7 +69,7 @@ impl<const N: usize> System<N> for Cwpa {
         F[(POSITION, VELOCITY)] = 1.0;
         F[(VELOCITY, ACCELERATION)] = 1.0;
         DQDt[(ACCELERATION, ACCELERATION)] = self.q;
-        for (i, _, gauss_markov) in self.sensor.each::<N>(first) {
+        for (i, _, gauss_markov) in self.sensor.processes::<N>(first) {
             f[i] = -gauss_markov.rate * x[i];
             F[(i, i)] = -gauss_markov.rate;
             DQDt[(i, i)] = gauss_markov.q;
@@ -83,7 +83,7 @@ impl<const N: usize> System<N> for Cwpa {
             f[OUTPUT] = (output - x[OUTPUT]) / tau;
             F[(OUTPUT, ACCELERATION)] = r.gradient[0] / tau;
             F[(OUTPUT, OUTPUT)] = -1.0 / tau;
-            for (i, j, _) in self.sensor.each::<N>(first) {
+            for (i, j, _) in self.sensor.processes::<N>(first) {
                 F[(OUTPUT, i)] = r.gradient[j] / tau;
             }
             DQDt[(OUTPUT, OUTPUT)] = q / (tau * tau);
@@ -116,7 +116,7 @@ impl<const N: usize> System<N> for Cwpa {
         set(&mut next.Q, VELOCITY, VELOCITY, self.q * T3 / 3.0);
         set(&mut next.Q, VELOCITY, ACCELERATION, self.q * T2 / 2.0);
         set(&mut next.Q, ACCELERATION, ACCELERATION, self.q * T);
-        for (i, _, gauss_markov) in self.sensor.each::<N>(first) {
+        for (i, _, gauss_markov) in self.sensor.processes::<N>(first) {
             next.Phi[(i, i)] = gauss_markov.decay(T);
             next.Q[(i, i)] = gauss_markov.variance(T);
         }
@@ -143,7 +143,7 @@ impl<const N: usize> System<N> for Cwpa {
         let r = self.sensor.output(first, x, x[ACCELERATION])?;
         let mut reading = Reading { expected: r.value, H: RowSVector::zeros(), curvature_variance: 0.0 };
         reading.H[ACCELERATION] = r.gradient[0];
-        for (i, j, _) in self.sensor.each::<N>(first) {
+        for (i, j, _) in self.sensor.processes::<N>(first) {
             reading.H[i] = r.gradient[j];
         }
         if order == Order::Second {
@@ -186,11 +186,11 @@ impl Cwpa {
         next.Q[(OUTPUT, OUTPUT)] =
             jerk * r.gradient[0] * lagged_moments(0.0, b).1 + q * T * mean_decay(2.0 * b) / (tau * tau);
 
-        for (i, j, gauss_markov) in self.sensor.each::<N>(first) {
+        for (i, j, gauss_markov) in self.sensor.processes::<N>(first) {
             let a = gauss_markov.rate * T;
-            let kept = lagged(a, b, 1.0);
-            next.x[OUTPUT] += r.gradient[j] * x[i] * (kept - rise);
-            next.Phi[(OUTPUT, i)] = r.gradient[j] * kept;
+            let carried = lagged(a, b, 1.0);
+            next.x[OUTPUT] += r.gradient[j] * x[i] * (carried - rise);
+            next.Phi[(OUTPUT, i)] = r.gradient[j] * carried;
             let (once, twice) = lagged_moments(a, b);
             let pushed = gauss_markov.q * r.gradient[j] * T;
             set(&mut next.Q, OUTPUT, i, pushed * once);
@@ -330,8 +330,8 @@ mod tests {
         for T in [0.1 * TAU, 0.6 * TAU, 8.0 * TAU] {
             let Phi = step(&system, &x, T).Phi;
             let rate = 0.5;
-            let kept = (libm::exp(-rate * T) - libm::exp(-T / TAU)) / (1.0 - rate * TAU);
-            assert!((Phi[(OUTPUT, 4)] - 3.0 * kept).abs() < 1e-14);
+            let carried = (libm::exp(-rate * T) - libm::exp(-T / TAU)) / (1.0 - rate * TAU);
+            assert!((Phi[(OUTPUT, 4)] - 3.0 * carried).abs() < 1e-14);
         }
     }
 
@@ -359,7 +359,7 @@ mod tests {
         G[(ACCELERATION, ACCELERATION)] = 7.0;
         G[(OUTPUT, OUTPUT)] = 1e-6 / (TAU * TAU);
         let mut constant = r.value - r.gradient[0] * x[ACCELERATION];
-        for (i, j, gauss_markov) in system.sensor.each::<6>(4) {
+        for (i, j, gauss_markov) in system.sensor.processes::<6>(4) {
             A[(OUTPUT, i)] = r.gradient[j] / TAU;
             A[(i, i)] = -gauss_markov.rate;
             G[(i, i)] = gauss_markov.q;
@@ -375,11 +375,11 @@ mod tests {
             let Q = Phi * joint.fixed_view::<6, 6>(0, 6);
             let mut mean = Phi * x;
             mean[OUTPUT] -= libm::expm1(-T / TAU) * constant;
-            let made = step(&system, &x, T);
-            assert!((made.x - mean).amax() < 1e-11);
-            assert!((made.Phi - Phi).amax() < 1e-11);
+            let stepped = step(&system, &x, T);
+            assert!((stepped.x - mean).amax() < 1e-11);
+            assert!((stepped.Phi - Phi).amax() < 1e-11);
             for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
-                let error = (made.Q - Q)[(i, j)].abs();
+                let error = (stepped.Q - Q)[(i, j)].abs();
                 assert!(error <= 1e-9 * libm::sqrt(Q[(i, i)] * Q[(j, j)]), "{i} {j} {error}");
             }
         }

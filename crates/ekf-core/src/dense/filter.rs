@@ -372,8 +372,8 @@ mod tests {
         let filter = Filter { gate: 9.0, ..filter(Integrator::Exact, Carrier::Dense) };
         let event = |value| Event { t: 0.0, channel: Channel::Position, value };
         assert!(matches!(filter.update(&state, &event(0.0)), Err(StepError::Correlation { .. })));
-        let (kept, correction) = filter.update(&state, &event(100.0)).unwrap();
-        assert_eq!((kept, correction.map(|correction| correction.reading.accepted)), (state, Some(false)));
+        let (unchanged, correction) = filter.update(&state, &event(100.0)).unwrap();
+        assert_eq!((unchanged, correction.map(|correction| correction.reading.accepted)), (state, Some(false)));
     }
 
     #[test]
@@ -409,8 +409,8 @@ mod tests {
         let track = step(&filter.start(&prior()).unwrap(), DT).unwrap();
         assert!(step(&track, DT).is_ok());
         for t in [0.0, f64::NAN, f64::INFINITY] {
-            let found = step(&track, t);
-            assert!(matches!(found, Err(RunError::Step { event: 1, error: StepError::TimeOrder { .. }, .. })));
+            let actual = step(&track, t);
+            assert!(matches!(actual, Err(RunError::Step { event: 1, error: StepError::TimeOrder { .. }, .. })));
         }
     }
 
@@ -418,9 +418,9 @@ mod tests {
     fn a_failed_run_names_its_event() {
         let mut filter = filter(Integrator::Exact, Carrier::Dense);
         filter.R_position = 0.0;
-        let known = Belief { x: SVector::zeros(), P: SMatrix::<f64, 4, 4>::zeros() };
+        let exact = Belief { x: SVector::zeros(), P: SMatrix::<f64, 4, 4>::zeros() };
         let samples = Samples { t: &[0.0, 1.0], y: &[0.0, 0.0] };
-        let run = filter.run(&known, samples, samples, |_, _| ());
+        let run = filter.run(&exact, samples, samples, |_, _| ());
         assert_eq!(run, Err(RunError::Step { event: 1, t: 0.0, error: StepError::InnovationVariance { s: 0.0 } }));
     }
 }

@@ -87,8 +87,8 @@ impl<const N: usize> Information<N> {
         let mut reduced = root;
         for j in 0..N {
             for i in 0..N {
-                let known: f64 = (0..j).map(|k| reduced[(i, k)] * triangle[(k, j)]).sum();
-                reduced[(i, j)] = (reduced[(i, j)] - known) / triangle[(j, j)];
+                let explained: f64 = (0..j).map(|k| reduced[(i, k)] * triangle[(k, j)]).sum();
+                reduced[(i, j)] = (reduced[(i, j)] - explained) / triangle[(j, j)];
             }
         }
         Ok(symmetric_part(&(reduced * reduced.transpose())))

@@ -165,9 +165,9 @@ mod tests {
     fn factors_multiply_back() {
         let factored = Factored::new(&prior()).unwrap();
         assert!((factored.belief().P - prior().P).amax() < 1e-15);
-        let known = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, 2.0));
-        assert!(factorise(&known).is_ok());
-        assert_eq!(factorise(&-known).unwrap_err(), SetupError::Prior { state: 2, pivot: -2.0 });
+        let exact = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, 2.0));
+        assert!(factorise(&exact).is_ok());
+        assert_eq!(factorise(&-exact).unwrap_err(), SetupError::Prior { state: 2, pivot: -2.0 });
     }
 
     #[test]
@@ -192,9 +192,9 @@ mod tests {
 
     #[test]
     fn a_perfect_reading_of_a_known_state_is_refused() {
-        let known = Belief { x: Vector3::zeros(), P: Matrix3::zeros() };
+        let exact = Belief { x: Vector3::zeros(), P: Matrix3::zeros() };
         let reading = Reading { expected: 0.0, H: RowVector3::new(1.0, 0.0, 0.0), curvature_variance: 0.0 };
-        let update = Factored::new(&known).unwrap().update(&reading, 0.0, 1.0);
+        let update = Factored::new(&exact).unwrap().update(&reading, 0.0, 1.0);
         assert_eq!(update.unwrap_err(), StepError::InnovationVariance { s: 0.0 });
     }
 }

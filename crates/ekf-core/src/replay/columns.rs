@@ -69,8 +69,8 @@ pub fn prepare(
     mut take: impl FnMut(FilteredReading),
 ) -> Result<(), ReplayError> {
     let n = gains.t.len();
-    for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
-        same_length(n, found)?;
+    for length in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
+        same_length(n, length)?;
     }
     let (mut previous, mut grid) = (before, Cells::of(grid, rows));
     for (k, &counted) in counts.iter().enumerate() {
@@ -142,12 +142,12 @@ pub fn filter_input_columns<const N: usize>(
 ) -> Result<(), ReplayError> {
     let passed = span.readings.iter().map(|reading| reading.cells as usize).sum();
     if span.cells.len() < passed {
-        return Err(ConditionError::Length { expected: passed, found: span.cells.len() }.into());
+        return Err(ConditionError::Length { expected: passed, actual: span.cells.len() }.into());
     }
     let rows = span.cells.last().map_or(0, |cell| cell.row as usize + NODES);
     let shortest = columns.iter().map(|column| column.len()).min().unwrap_or(rows);
     if shortest < rows {
-        return Err(ConditionError::Length { expected: rows, found: shortest }.into());
+        return Err(ConditionError::Length { expected: rows, actual: shortest }.into());
     }
     let mut packed = Packed { columns, factor, low: 0, rows: [[0.0; N]; PACKED], high: 0 };
     let mut ahead = span.cells;
@@ -215,8 +215,8 @@ fn run_columns<const N: usize>(
 ) -> Result<(), ReplayError> {
     let counted = span.readings.iter().filter(|reading| reading.counts).count();
     let groups = counted / span.group.max(1);
-    for found in sums.iter().map(|sum| sum.len()) {
-        same_length(groups, found)?;
+    for length in sums.iter().map(|sum| sum.len()) {
+        same_length(groups, length)?;
     }
     let mean = 1.0 / libm::sqrt(span.group as f64);
     let Response { mut p, mut v } = *response;

@@ -27,7 +27,7 @@ pub struct Trial {
     /// Displacement that the trial's accelerations have led to.
     pub at: Displacement,
     /// Added acceleration that the effects give at that motion, m/s^2.
-    pub found: f64,
+    pub acceleration: f64,
     /// How it falls with position and velocity.
     pub slopes: Slopes,
 }
@@ -37,10 +37,10 @@ impl Displacement {
     /// Newton's method for the path, exact for linear drag and springs of any strength.
     #[must_use]
     pub fn corrected(self, h: f64, trial: Trial) -> Self {
-        let known = self.after(h, 0.0);
+        let coasted = self.after(h, 0.0);
         let Slopes { p, v } = trial.slopes;
-        let found = trial.found - p * (known.p - trial.at.p) - v * (known.v - trial.at.v);
-        self.after(h, found / (1.0 + h * (0.5 * v + h * p / 6.0)))
+        let acceleration = trial.acceleration - p * (coasted.p - trial.at.p) - v * (coasted.v - trial.at.v);
+        self.after(h, acceleration / (1.0 + h * (0.5 * v + h * p / 6.0)))
     }
 }
 
@@ -103,8 +103,8 @@ mod tests {
         let once = start.after(0.8, 1.0 + 3.0 * 0.8);
         let twice = start.after(0.3, 1.0 + 3.0 * 0.3).after(0.5, 1.0 + 3.0 * 0.8);
         let p = 0.5 - 2.0 * 0.8 + 0.5 * 0.64 + 3.0 * 0.512 / 6.0;
-        for found in [once, twice] {
-            assert!((found.p - p).abs() < 1e-15 && (found.v - (-2.0 + 0.8 + 1.5 * 0.64)).abs() < 1e-15);
+        for actual in [once, twice] {
+            assert!((actual.p - p).abs() < 1e-15 && (actual.v - (-2.0 + 0.8 + 1.5 * 0.64)).abs() < 1e-15);
         }
     }
 
@@ -118,8 +118,8 @@ mod tests {
             for step in 1..200 {
                 let t = h * f64::from(step);
                 guess = guess.after(h, (7.3 * t).sin());
-                let found = -p * (p0 + v0 * t + guess.p) - v * (v0 + guess.v);
-                at = at.corrected(h, Trial { at: guess, found, slopes });
+                let acceleration = -p * (p0 + v0 * t + guess.p) - v * (v0 + guess.v);
+                at = at.corrected(h, Trial { at: guess, acceleration, slopes });
                 let exact = -p * (p0 + v0 * t + at.p) - v * (v0 + at.v);
                 assert!((at.a - exact).abs() <= 1e-9 * (1.0 + v.abs()), "{p} {v} {step}: {} {exact}", at.a);
             }

@@ -172,11 +172,11 @@ fn run_filters<const N: usize>(
 /// [`ReplayError`] for unusable readings or noise; the track is then incomplete.
 pub fn filter(readings: Readings<'_>, noise: Noise, prior: Prior, track: &mut Track<'_>) -> Result<(), ReplayError> {
     let n = readings.t.len();
-    for found in [track.e.len(), track.S.len(), track.gain_p.len(), track.gain_v.len(), track.p.len()] {
-        same_length(n, found)?;
+    for length in [track.e.len(), track.S.len(), track.gain_p.len(), track.gain_v.len(), track.p.len()] {
+        same_length(n, length)?;
     }
-    for found in [track.v.len(), track.pp.len(), track.pv.len(), track.vv.len()] {
-        same_length(n, found)?;
+    for length in [track.v.len(), track.pp.len(), track.pv.len(), track.vv.len()] {
+        same_length(n, length)?;
     }
     let (mut k, mut n) = (0, 0);
     run_filters(

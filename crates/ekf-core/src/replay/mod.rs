@@ -157,8 +157,8 @@ impl Readings<'_> {
     /// Refuses unusable readings and slices of different lengths.
     pub(crate) fn check_samples(&self) -> Result<(), ReplayError> {
         check_samples(self.t, self.z)?;
-        for found in [self.first.len(), self.second.len(), self.restart.len(), self.extra_q.len()] {
-            same_length(self.t.len(), found)?;
+        for length in [self.first.len(), self.second.len(), self.restart.len(), self.extra_q.len()] {
+            same_length(self.t.len(), length)?;
         }
         if !self.extra_R.is_empty() {
             same_length(self.t.len(), self.extra_R.len())?;
@@ -184,8 +184,8 @@ impl Readings<'_> {
     }
 }
 
-pub(crate) fn same_length(expected: usize, found: usize) -> Result<(), ConditionError> {
-    if expected == found { Ok(()) } else { Err(ConditionError::Length { expected, found }) }
+pub(crate) fn same_length(expected: usize, actual: usize) -> Result<(), ConditionError> {
+    if expected == actual { Ok(()) } else { Err(ConditionError::Length { expected, actual }) }
 }
 
 impl MotionCovariance {

@@ -23,8 +23,8 @@ pub fn smooth(
     readings.check(noise)?;
     let n = readings.t.len();
     let TrackView { e, S, gain_p, gain_v, p, v, pp, pv, vv } = track;
-    for found in [e, S, gain_p, gain_v, p, v, pp, pv, vv, position, velocity, smoothed_noise].map(<[f64]>::len) {
-        same_length(n, found)?;
+    for length in [e, S, gain_p, gain_v, p, v, pp, pv, vv, position, velocity, smoothed_noise].map(<[f64]>::len) {
+        same_length(n, length)?;
     }
     let (mut r_p, mut r_v) = (0.0, 0.0); // the adjoint of (p, v) just after reading k
     for k in (0..n).rev() {

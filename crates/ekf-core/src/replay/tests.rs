@@ -33,10 +33,10 @@ struct Kept([[f64; N]; 9]);
 
 impl Kept {
     fn of(readings: Readings<'_>, noise: Noise, prior: Prior) -> Result<Self, ReplayError> {
-        let mut kept = Self::default();
-        let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut kept.0;
+        let mut series = Self::default();
+        let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut series.0;
         filter(readings, noise, prior, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv })?;
-        Ok(kept)
+        Ok(series)
     }
 
     fn view(&self) -> TrackView<'_> {
@@ -110,9 +110,9 @@ fn smoother_equals_the_dense_gaussian_posterior() {
         let (mean, P) = dense_prior(&restart);
         let (e, C, PH) = dense_readings(&mean, &P);
         let expected = mean + PH * C.cholesky().unwrap().solve(&e);
-        let kept = Kept::of(readings(&restart), NOISE, PRIOR).unwrap();
+        let series = Kept::of(readings(&restart), NOISE, PRIOR).unwrap();
         let (mut p, mut v, mut wanted) = ([0.0; N], [0.0; N], [0.0; N]);
-        smooth(readings(&restart), NOISE, kept.view(), &mut p, &mut v, &mut wanted).unwrap();
+        smooth(readings(&restart), NOISE, series.view(), &mut p, &mut v, &mut wanted).unwrap();
         for k in 0..N {
             // a 8 x 8 solve of condition 1e3, numbers below 3
             assert!((p[k] - expected[2 * k]).abs() < 1e-12, "p {k}");
@@ -127,8 +127,8 @@ fn filter_equals_the_dense_gaussian_posterior_at_the_last_reading() {
     let (e, C, PH) = dense_readings(&mean, &P);
     let solved = C.cholesky().unwrap();
     let (expected, spread) = (mean + PH * solved.solve(&e), P - PH * solved.solve(&PH.transpose()));
-    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = kept.0.map(|series| series[N - 1]);
+    let series = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = series.0.map(|series| series[N - 1]);
     let after = MotionCovariance { pp: pp * NOISE.R / S, pv: pv * NOISE.R / S, vv: vv - pv * pv / S };
     let last = 2 * (N - 1);
     assert!((p + gain_p * e - expected[last]).abs() < 1e-12);
@@ -140,9 +140,9 @@ fn filter_equals_the_dense_gaussian_posterior_at_the_last_reading() {
 
 #[test]
 fn smoothed_noise_drives_the_smoothed_motion() {
-    let kept = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
+    let series = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
     let (mut p, mut v, mut w) = ([0.0; N], [0.0; N], [0.0; N]);
-    smooth(readings(&BROKEN), NOISE, kept.view(), &mut p, &mut v, &mut w).unwrap();
+    smooth(readings(&BROKEN), NOISE, series.view(), &mut p, &mut v, &mut w).unwrap();
     for k in (1..N).filter(|&k| !BROKEN[k]) {
         let h = T[k] - T[k - 1];
         let share = 1.0 + EXTRA[k] / NOISE.q;
@@ -162,20 +162,20 @@ fn log_likelihood_equals_the_dense_gaussian_density() {
         let solved = C.cholesky().unwrap();
         let tau = core::f64::consts::TAU;
         let expected = -0.5 * (e.dot(&solved.solve(&e)) + libm::log(solved.determinant()) + N as f64 * libm::log(tau));
-        let found = likelihood(readings(&restart), NOISE, PRIOR, &[true; N]).unwrap();
-        assert!((found - expected).abs() < 1e-10, "{found} {expected}"); // a sum of 8 terms near 3
+        let actual = likelihood(readings(&restart), NOISE, PRIOR, &[true; N]).unwrap();
+        assert!((actual - expected).abs() < 1e-10, "{actual} {expected}"); // a sum of 8 terms near 3
     }
 }
 
 #[test]
 fn likelihood_counts_only_what_is_asked() {
-    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let [e, S, ..] = kept.0;
+    let series = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let [e, S, ..] = series.0;
     let counts: [bool; N] = core::array::from_fn(|k| k % 3 == 1);
     let term = |k: usize| -0.5 * (e[k] * e[k] / S[k] + libm::log(core::f64::consts::TAU * S[k]));
     let expected: f64 = (0..N).filter(|&k| counts[k]).map(term).sum();
-    let found = likelihood(readings(&WHOLE), NOISE, PRIOR, &counts).unwrap();
-    assert!((found - expected).abs() < 1e-13);
+    let actual = likelihood(readings(&WHOLE), NOISE, PRIOR, &counts).unwrap();
+    assert!((actual - expected).abs() < 1e-13);
 }
 
 #[test]
@@ -243,9 +243,9 @@ struct Filtered {
 
 impl Filtered {
     /// Appends readings `rows` of the record.
-    fn extend(&mut self, kept: &Kept, restart: &[bool], rows: core::ops::Range<usize>) {
+    fn extend(&mut self, series: &Kept, restart: &[bool], rows: core::ops::Range<usize>) {
         let before = rows.start.checked_sub(1).map(|k| T[k]);
-        let prepared = Prepared::new(kept.gains(restart, rows.clone()), GRID, ROWS, before).unwrap();
+        let prepared = Prepared::new(series.gains(restart, rows.clone()), GRID, ROWS, before).unwrap();
         let curve: [f64; ROWS] = core::array::from_fn(|i| column(GRID.start + i as f64 * GRID.step));
         let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; rows.len()]);
         let columns: [&[f64]; 2] = [&curve, &[1.0; ROWS]];
@@ -326,31 +326,31 @@ fn unusable_readings_are_refused_with_the_place() {
     let mut backward = T;
     backward[5] = backward[4];
     let expected = ConditionError::Time { index: 5, t: T[4] };
-    let found = Kept::of(Readings { t: &backward, ..readings(&WHOLE) }, NOISE, PRIOR).err();
-    assert_eq!(found, Some(ReplayError::Condition(expected)));
+    let actual = Kept::of(Readings { t: &backward, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(actual, Some(ReplayError::Condition(expected)));
     let mut lost = Z;
     lost[3] = f64::NAN;
-    let found = Kept::of(Readings { z: &lost, ..readings(&WHOLE) }, NOISE, PRIOR).err();
-    assert_eq!(found, Some(ReplayError::Condition(ConditionError::Sample { index: 3 })));
+    let actual = Kept::of(Readings { z: &lost, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(actual, Some(ReplayError::Condition(ConditionError::Sample { index: 3 })));
     let mut negative = EXTRA;
     negative[2] = -1.9;
-    let found = Kept::of(Readings { extra_q: &negative, ..readings(&WHOLE) }, NOISE, PRIOR).err();
-    assert_eq!(found, Some(ReplayError::ExtraNoise { index: 2, q: -1.9 }));
+    let actual = Kept::of(Readings { extra_q: &negative, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(actual, Some(ReplayError::ExtraNoise { index: 2, q: -1.9 }));
     let mut unknown = NOISY;
     unknown[6] = f64::INFINITY;
-    let found = Kept::of(Readings { extra_R: &unknown, ..readings(&WHOLE) }, NOISE, PRIOR).err();
-    assert_eq!(found, Some(ReplayError::ExtraVariance { index: 6, R: f64::INFINITY }));
-    let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
-    let found = Kept::of(Readings { first: &FIRST[1..], ..readings(&WHOLE) }, NOISE, PRIOR).err();
-    assert_eq!(found, Some(short));
+    let actual = Kept::of(Readings { extra_R: &unknown, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(actual, Some(ReplayError::ExtraVariance { index: 6, R: f64::INFINITY }));
+    let short = ReplayError::Condition(ConditionError::Length { expected: N, actual: N - 1 });
+    let actual = Kept::of(Readings { first: &FIRST[1..], ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(actual, Some(short));
     assert_eq!(likelihood(readings(&WHOLE), NOISE, PRIOR, &[true; N - 1]), Err(short));
-    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let series = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
     let (mut p, mut v, mut wanted) = ([0.0; N], [0.0; N - 1], [0.0; N]);
-    let found = smooth(readings(&WHOLE), NOISE, kept.view(), &mut p, &mut v, &mut wanted);
-    assert_eq!(found, Err(short));
+    let actual = smooth(readings(&WHOLE), NOISE, series.view(), &mut p, &mut v, &mut wanted);
+    assert_eq!(actual, Err(short));
     let mut v = [0.0; N];
     for cut in 0..9 {
-        let mut parts = kept.0.each_ref().map(<[f64; N]>::as_slice);
+        let mut parts = series.0.each_ref().map(<[f64; N]>::as_slice);
         parts[cut] = &parts[cut][1..];
         let [e, S, gain_p, gain_v, p_before, v_before, pp, pv, vv] = parts;
         let view = TrackView { e, S, gain_p, gain_v, p: p_before, v: v_before, pp, pv, vv };
@@ -360,29 +360,29 @@ fn unusable_readings_are_refused_with_the_place() {
 
 #[test]
 fn columns_without_the_cells_of_their_span_are_refused() {
-    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
+    let series = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let prepared = Prepared::new(series.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
     let expected = prepared.cells.len();
-    for found in [0, expected - 1] {
-        let span = ReadingSpan { cells: &prepared.cells[..found], ..prepared.span() };
+    for actual in [0, expected - 1] {
+        let span = ReadingSpan { cells: &prepared.cells[..actual], ..prepared.span() };
         let refused = filter_input_columns(span, [&[1.0; ROWS]], 1.0, &mut Response::default(), [&mut [0.0; N]]);
-        assert_eq!(refused, Err(ReplayError::Condition(ConditionError::Length { expected, found })));
+        assert_eq!(refused, Err(ReplayError::Condition(ConditionError::Length { expected, actual })));
     }
 }
 
 #[test]
 fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
-    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let short = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS - 1, None).err(); // ends at 0.22 s
+    let series = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let short = Prepared::new(series.gains(&WHOLE, 0..N), GRID, ROWS - 1, None).err(); // ends at 0.22 s
     assert_eq!(short, Some(ReplayError::Grid { index: 6, t: T[6] }));
-    let late = Prepared::new(kept.gains(&WHOLE, 0..N), Grid { start: 0.005, ..GRID }, ROWS, None).err();
+    let late = Prepared::new(series.gains(&WHOLE, 0..N), Grid { start: 0.005, ..GRID }, ROWS, None).err();
     assert_eq!(late, Some(ReplayError::Grid { index: 1, t: T[1] }));
-    let backward = Prepared::new(Gains { t: &[0.2, 0.0], ..kept.gains(&WHOLE, 0..2) }, GRID, ROWS, None).err();
+    let backward = Prepared::new(Gains { t: &[0.2, 0.0], ..series.gains(&WHOLE, 0..2) }, GRID, ROWS, None).err();
     assert_eq!(backward, Some(ReplayError::Condition(ConditionError::Time { index: 1, t: 0.0 })));
-    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
+    let prepared = Prepared::new(series.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
     let mut sums = [0.0; N - 1];
-    let found = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);
-    assert_eq!(found, Err(ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 })));
+    let actual = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);
+    assert_eq!(actual, Err(ReplayError::Condition(ConditionError::Length { expected: N, actual: N - 1 })));
 }
 
 const LENGTH: usize = 40;
@@ -404,17 +404,18 @@ struct Records {
 impl Records {
     fn new() -> Self {
         let at = |part: usize, k: usize| (k * 7 + part * 13) as f64;
-        let each = |f: &dyn Fn(usize, usize) -> f64| core::array::from_fn(|part| core::array::from_fn(|k| f(part, k)));
-        let mut t: [[f64; LENGTH]; 4] = each(&|part, k| 1e-3 * (k as f64 + 0.3 * libm::sin(at(part, k))));
+        let filled =
+            |f: &dyn Fn(usize, usize) -> f64| core::array::from_fn(|part| core::array::from_fn(|k| f(part, k)));
+        let mut t: [[f64; LENGTH]; 4] = filled(&|part, k| 1e-3 * (k as f64 + 0.3 * libm::sin(at(part, k))));
         t[2][20..].iter_mut().for_each(|time| *time += 0.5);
         Self {
             t,
-            z: each(&|part, k| 1e-5 * libm::cos(0.3 * at(part, k))),
-            first: each(&|part, k| 1e-4 * libm::sin(0.1 * at(part, k))),
-            second: each(&|part, k| 1e-8 * libm::cos(0.2 * at(part, k))),
+            z: filled(&|part, k| 1e-5 * libm::cos(0.3 * at(part, k))),
+            first: filled(&|part, k| 1e-4 * libm::sin(0.1 * at(part, k))),
+            second: filled(&|part, k| 1e-8 * libm::cos(0.2 * at(part, k))),
             restart: core::array::from_fn(|part| core::array::from_fn(|k| k == 0 || (part == 2 && k == 20))),
-            extra_q: each(&|part, k| if (k + 3 * part) % 9 == 4 { 3e-5 } else { 0.0 }),
-            extra_R: each(&|part, k| if (k + part) % 6 == 1 { 7e-12 } else { 0.0 }),
+            extra_q: filled(&|part, k| if (k + 3 * part) % 9 == 4 { 3e-5 } else { 0.0 }),
+            extra_R: filled(&|part, k| if (k + part) % 6 == 1 { 7e-12 } else { 0.0 }),
             counts: core::array::from_fn(|part| core::array::from_fn(|k| k > 3 && (k + part) % 5 != 0)),
         }
     }
@@ -457,8 +458,8 @@ fn interleaved_records_have_the_likelihood_of_each() {
             (0..LENGTH).filter(|&k| counts[k]).map(term).sum::<f64>()
         })
         .sum();
-    let found = log_likelihood(&interleaved([0, 1, 2, 3].map(|part| parts.part(part))), LOW_NOISE, SHARP).unwrap();
-    assert!((found - expected).abs() < 1e-12 * expected.abs(), "{found} {expected}"); // a hundred terms, double
+    let actual = log_likelihood(&interleaved([0, 1, 2, 3].map(|part| parts.part(part))), LOW_NOISE, SHARP).unwrap();
+    assert!((actual - expected).abs() < 1e-12 * expected.abs(), "{actual} {expected}"); // a hundred terms, double
     let single: f64 = (0..4).map(|k| log_likelihood(&interleaved([parts.part(k)]), LOW_NOISE, SHARP).unwrap()).sum();
     assert!((single - expected).abs() < 1e-12 * expected.abs(), "{single} {expected}");
     let other = Noise { q: 4e-5, ..LOW_NOISE };
@@ -470,13 +471,13 @@ fn interleaved_records_have_the_likelihood_of_each() {
 #[test]
 fn innovations_are_those_of_the_filter() {
     let parts = Records::new();
-    let mut found = [[0.0; 4]; LENGTH];
-    let mut rows = found.iter_mut();
+    let mut actual = [[0.0; 4]; LENGTH];
+    let mut rows = actual.iter_mut();
     let all = interleave([0, 1, 2, 3].map(|part| parts.part(part).0), None).unwrap();
     innovations(all, LOW_NOISE, SHARP, |e| *rows.next().unwrap() = e).unwrap();
     for part in 0..4 {
         let [e, ..] = history(parts.part(part).0);
-        for (k, row) in found.iter().enumerate() {
+        for (k, row) in actual.iter().enumerate() {
             assert_eq!(row[part].to_bits(), e[k].to_bits(), "{part} {k}"); // equal operations in equal order
         }
     }
@@ -513,7 +514,7 @@ fn products_of_innovations_are_summed_over_blocks() {
 fn what_is_unusable_is_refused() {
     let parts = Records::new();
     let (readings, counts) = parts.part(0);
-    let short = ReplayError::Condition(ConditionError::Length { expected: LENGTH, found: LENGTH - 1 });
+    let short = ReplayError::Condition(ConditionError::Length { expected: LENGTH, actual: LENGTH - 1 });
     assert_eq!(interleave([readings], Some([&counts[1..]])).err(), Some(short));
     let rows = interleaved([(readings, counts)]);
     assert!(matches!(log_likelihood(&rows, Noise { q: 0.0, R: 1.0 }, SHARP), Err(ReplayError::Noise { .. })));
@@ -526,9 +527,9 @@ fn what_is_unusable_is_refused() {
 fn a_log_likelihood_that_is_not_finite_is_refused() {
     let mut far = Z;
     far[3] = 1e160; // its square has no double
-    let found = likelihood(Readings { z: &far, ..readings(&WHOLE) }, NOISE, PRIOR, &[true; N]);
-    assert_eq!(found, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
+    let actual = likelihood(Readings { z: &far, ..readings(&WHOLE) }, NOISE, PRIOR, &[true; N]);
+    assert_eq!(actual, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
     let wide = Noise { q: NOISE.q, R: 1e60 }; // nor has the product of eight variances
-    let found = likelihood(readings(&WHOLE), wide, PRIOR, &[true; N]);
-    assert_eq!(found, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
+    let actual = likelihood(readings(&WHOLE), wide, PRIOR, &[true; N]);
+    assert_eq!(actual, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
 }

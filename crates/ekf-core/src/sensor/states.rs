@@ -36,14 +36,17 @@ impl Sensor {
     }
 
     /// `(state, partial index in Response, process)` of every parameter.
-    pub(crate) fn each<const N: usize>(&self, first: usize) -> impl Iterator<Item = (usize, usize, GaussMarkov)> + '_ {
+    pub(crate) fn processes<const N: usize>(
+        &self,
+        first: usize,
+    ) -> impl Iterator<Item = (usize, usize, GaussMarkov)> + '_ {
         (first..N).map(move |i| (i, i - first + 1, self.gauss_markov[i - first]))
     }
 
     /// `x` with its parameters decayed over `h` seconds.
     pub(crate) fn decayed<const N: usize>(&self, first: usize, x: &SVector<f64, N>, h: f64) -> SVector<f64, N> {
         let mut x = *x;
-        for (i, _, gauss_markov) in self.each::<N>(first) {
+        for (i, _, gauss_markov) in self.processes::<N>(first) {
             x[i] *= gauss_markov.decay(h);
         }
         x

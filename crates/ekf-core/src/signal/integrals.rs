@@ -28,12 +28,12 @@ pub enum ConditionError {
         /// Length that was expected.
         expected: usize,
         /// Length that was found.
-        found: usize,
+        actual: usize,
     },
     /// Fewer than two samples: there is no interval to integrate over.
     TooFew {
         /// Number of samples found.
-        found: usize,
+        actual: usize,
     },
     /// Times that do not rise strictly, or are not finite.
     Time {
@@ -52,8 +52,8 @@ pub enum ConditionError {
 impl core::fmt::Display for ConditionError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
-            Self::Length { expected, found } => write!(f, "expected {expected} values, found {found}"),
-            Self::TooFew { found } => write!(f, "at least 2 samples are needed, found {found}"),
+            Self::Length { expected, actual } => write!(f, "expected {expected} values, found {actual}"),
+            Self::TooFew { actual } => write!(f, "at least 2 samples are needed, found {actual}"),
             Self::Time { index, t } => write!(f, "times must be finite and rise strictly; time {index} is {t} s"),
             Self::Sample { index } => write!(f, "sample {index} is not finite"),
         }
@@ -68,7 +68,7 @@ impl core::error::Error for ConditionError {}
 /// The first broken promise, with its index.
 pub fn check_samples(t: &[f64], u: &[f64]) -> Result<(), ConditionError> {
     if t.len() != u.len() {
-        return Err(ConditionError::Length { expected: t.len(), found: u.len() });
+        return Err(ConditionError::Length { expected: t.len(), actual: u.len() });
     }
     check_times(t)?;
     match u.iter().position(|x| !x.is_finite()) {
@@ -110,13 +110,13 @@ pub fn drive(
 ) -> Result<(), ConditionError> {
     check_samples(samples.t, samples.y)?;
     check_times(at)?;
-    for found in [first.len(), second.len(), covered.len()] {
-        if found != at.len() {
-            return Err(ConditionError::Length { expected: at.len(), found });
+    for actual in [first.len(), second.len(), covered.len()] {
+        if actual != at.len() {
+            return Err(ConditionError::Length { expected: at.len(), actual });
         }
     }
     if samples.t.len() < 2 {
-        return Err(ConditionError::TooFew { found: samples.t.len() });
+        return Err(ConditionError::TooFew { actual: samples.t.len() });
     }
     let mut cursor = Cursor::new(samples, conditioning);
     for k in 0..at.len() {
@@ -324,8 +324,8 @@ mod tests {
     fn unusable_signals_are_refused_with_the_place() {
         let (t, u) = ([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.0, 1.0]);
         let at = [0.5, 1.5];
-        assert_eq!(driven(&t, &u[..3], PLAIN, at), Err(ConditionError::Length { expected: 4, found: 3 }));
-        assert_eq!(driven(&t[..1], &u[..1], PLAIN, at), Err(ConditionError::TooFew { found: 1 }));
+        assert_eq!(driven(&t, &u[..3], PLAIN, at), Err(ConditionError::Length { expected: 4, actual: 3 }));
+        assert_eq!(driven(&t[..1], &u[..1], PLAIN, at), Err(ConditionError::TooFew { actual: 1 }));
         assert_eq!(
             driven(&[0.0, 1.0, 1.0, 2.0], &u, PLAIN, at),
             Err(ConditionError::Time { index: 2, t: 1.0 }) // equal is not rising
@@ -338,7 +338,7 @@ mod tests {
         let (mut first, mut second, mut covered) = ([0.0; 2], [0.0; 1], [false; 2]);
         assert_eq!(
             drive(Samples { t: &t, y: &u }, PLAIN, &at, &mut first, &mut second, &mut covered),
-            Err(ConditionError::Length { expected: 2, found: 1 })
+            Err(ConditionError::Length { expected: 2, actual: 1 })
         );
     }
 }

@@ -147,12 +147,12 @@ mod tests {
             let dense = Filter { carrier: Carrier::Factored, gate: 9.0, ..Filter::new(aci, 1e-12, 0.0) };
             let track = own.run(&prior(), output, position, |_, _| ()).unwrap();
             let expected = dense.run(&prior(), output, position, |_, _| ()).unwrap();
-            let (found, twin) = (own.belief(&track.state), Engine::belief(&dense, &expected.state));
+            let (actual, twin) = (own.belief(&track.state), Engine::belief(&dense, &expected.state));
             assert_eq!((track.events, track.rejected), (expected.events, expected.rejected));
             for i in 0..6 {
                 // A few hundred steps of about a thousand roundings each.
-                assert!((found.x[i] - twin.x[i]).abs() < 1e-8 * twin.sigma(i));
-                assert!((found.P[(i, i)] / twin.P[(i, i)] - 1.0).abs() < 1e-8);
+                assert!((actual.x[i] - twin.x[i]).abs() < 1e-8 * twin.sigma(i));
+                assert!((actual.P[(i, i)] / twin.P[(i, i)] - 1.0).abs() < 1e-8);
             }
             assert!((track.log_likelihood - expected.log_likelihood).abs() < 1e-7);
         }

@@ -179,12 +179,12 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseCubic {
         let w2 = w * w;
         let [a0, a1, a2, a3] = table.a;
         let [s0, s1, s2] = table.slope;
-        let (each, squared) = (V::every(w), V::every(w2));
+        let (linear, squared) = (V::every(w), V::every(w2));
         let slope = w2.times_plus(s2, w.times_plus(s1, s0));
         Ok(AccelerationPartials {
             a: w2.times_plus(w.times_plus(a3, a2), w.times_plus(a1, a0)),
-            g: if V::APART { row([-w, -slope, w2, w2 * w]) } else { cubic(each, squared, &table.g) },
-            h: cubic(each, squared, &table.h),
+            g: if V::APART { row([-w, -slope, w2, w2 * w]) } else { cubic(linear, squared, &table.g) },
+            h: cubic(linear, squared, &table.h),
             slope,
         })
     }

@@ -143,11 +143,11 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         end: &AccelerationPartials<V>,
     ) {
         let c = |x: f64| q.like(x);
-        let each = |x: f64| V::every(c(x));
+        let constant = |x: f64| V::every(c(x));
         let (h, sixth) = (c(dt), c(dt / 6.0));
         let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
         let q1 = q * (end.slope * end.slope);
-        let two = each(2.0);
+        let two = constant(2.0);
         let gf = two.times_plus(middle.g, start.g);
         let gs = two.times_plus(middle.g, gf + end.g);
         let c1 = self.c1.plus(h, self.c2);

@@ -361,7 +361,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.upv = u - lambda * gp;
         gp = u.times_plus(g, gp);
         let mut gv = g;
-        let known = KnownParameters { gain: [gp / s, gv / s], s };
+        let settled = KnownParameters { gain: [gp / s, gv / s], s };
 
         let mut gains = [zero; M];
         for j in 0..M {
@@ -390,7 +390,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.p = gp.times_plus(scaled, self.p);
         self.v = gv.times_plus(scaled, self.v);
         self.theta = self.theta.plus(scaled, Plain(gains));
-        (known, UpdateGains { unscaled: ([gp, gv], Plain(gains)), s })
+        (settled, UpdateGains { unscaled: ([gp, gv], Plain(gains)), s })
     }
 }
 

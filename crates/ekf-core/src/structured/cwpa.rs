@@ -198,7 +198,8 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         z: V::Number,
         R: V::Number,
     ) -> Result<OutputInnovation<V>, DomainError> {
-        let PredictedOutput { expected, slope, h, curvature: (da, d), along } = sensor.seen(&self.theta, self.a)?;
+        let PredictedOutput { expected, slope, h, curvature: (da, d), along } =
+            sensor.predicted(&self.theta, self.a)?;
         let motion = [
             slope.times_plus(self.ppa, h.dot(self.cp)),
             slope.times_plus(self.pva, h.dot(self.cv)),

@@ -237,18 +237,18 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         correction: Correction,
     ) {
         let between = self.filter.U[0].0[1];
-        let (known, gains) = self.filter.correct_with(R, reading, innovation);
+        let (settled, gains) = self.filter.correct_with(R, reading, innovation);
         if correction == Correction::None {
             return;
         }
-        let share = self.noise.variance(tau) / known.s;
+        let share = self.noise.variance(tau) / settled.s;
         let white = self.whitening.as_mut().map(|whitening| {
             // `U' H` of the first two parameters, without what the second has of the first.
             let [first, second] = [reading.theta.0[0], reading.theta.0[1]];
             let innovation_slopes = [innovation.e, first, second - between * first];
             let slopes = [self.slopes.0.0[0] / self.slopes.1, self.slopes.0.0[1] / self.slopes.1];
-            let others = innovation.s - known.s;
-            whitening.correct(tau, R, &Whitened { innovation: innovation_slopes, gain: known.gain, others, slopes })
+            let others = innovation.s - settled.s;
+            whitening.correct(tau, R, &Whitened { innovation: innovation_slopes, gain: settled.gain, others, slopes })
         });
         self.score = white.map(|(score, _)| score);
         if let Some(passage) = &mut self.passage {
@@ -259,11 +259,11 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
                 b: reading.b,
                 motion: motion.map(|gain| gain * over),
                 theta: theta.scaled(over),
-                known: known.gain,
+                settled: settled.gain,
                 white: white.map(|(_, white)| white),
             });
         }
-        self.noise.correct(tau, known.gain);
+        self.noise.correct(tau, settled.gain);
         self.gathered.0 = self.gathered.0.plus(share, self.slopes.0);
         self.gathered.1 = share.times_plus(self.slopes.1, self.gathered.1);
         self.readings += 1;

@@ -7,7 +7,7 @@ use crate::structured::row::Row;
 /// The processes of all parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GaussMarkovSet<V: Row, const M: usize> {
-    each: [GaussMarkov; M],
+    processes: [GaussMarkov; M],
     rate: V,
     q: V,
 }
@@ -16,15 +16,15 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
     /// One [`GaussMarkov`] per parameter; of `witness` only the type is used.
     #[must_use]
     #[inline(always)]
-    pub fn new(witness: V::Number, each: [GaussMarkov; M]) -> Self {
-        let row = |of: fn(&GaussMarkov) -> f64| V::from_fn(witness, |i| witness.like(of(&each[i])));
-        Self { each, rate: row(|gauss_markov| gauss_markov.rate), q: row(|gauss_markov| gauss_markov.q) }
+    pub fn new(witness: V::Number, processes: [GaussMarkov; M]) -> Self {
+        let row = |of: fn(&GaussMarkov) -> f64| V::from_fn(witness, |i| witness.like(of(&processes[i])));
+        Self { processes, rate: row(|gauss_markov| gauss_markov.rate), q: row(|gauss_markov| gauss_markov.q) }
     }
 
     /// Whether every parameter is an unknown constant.
     #[must_use]
     pub fn is_constant(&self) -> bool {
-        self.each.iter().all(|gauss_markov| *gauss_markov == GaussMarkov::CONSTANT)
+        self.processes.iter().all(|gauss_markov| *gauss_markov == GaussMarkov::CONSTANT)
     }
 
     /// Densities of the noise.
@@ -36,7 +36,7 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
     /// What is left of each parameter after `s` seconds.
     #[inline(always)]
     pub(crate) fn decay(&self, witness: V::Number, s: f64) -> V {
-        V::from_fn(witness, |i| witness.like(self.each[i].decay(s)))
+        V::from_fn(witness, |i| witness.like(self.processes[i].decay(s)))
     }
 
     /// The rate at which a covariance with the parameters fades.
@@ -63,7 +63,7 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
         let decay = self.decay(witness, s);
         let mut propagated = *P_theta;
         for (i, row) in propagated.iter_mut().enumerate() {
-            let gathered = witness.like(self.each[i].variance(s));
+            let gathered = witness.like(self.processes[i].variance(s));
             let diagonal = V::from_fn(witness, |j| if i == j { gathered } else { witness.like(0.0) });
             *row = *row * decay.scaled(decay.at(i)) + diagonal;
         }

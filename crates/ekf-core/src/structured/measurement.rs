@@ -26,7 +26,7 @@ pub trait OutputModel<V: Row> {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn seen(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError>;
+    fn predicted(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError>;
 }
 
 const SCALE: usize = 0;
@@ -40,7 +40,7 @@ pub struct ReadLinear;
 
 impl<V: Row> OutputModel<V> for ReadLinear {
     #[inline(always)]
-    fn seen(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError> {
+    fn predicted(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError> {
         let (zero, one) = (a.like(0.0), a.like(1.0));
         let slope = one + theta.at(SCALE);
         Ok(PredictedOutput {
@@ -59,7 +59,7 @@ pub struct ReadCubic;
 
 impl<V: Row> OutputModel<V> for ReadCubic {
     #[inline(always)]
-    fn seen(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError> {
+    fn predicted(&self, theta: &V, a: V::Number) -> Result<PredictedOutput<V>, DomainError> {
         let c = |x: f64| a.like(x);
         let (s, K2, K3) = (c(1.0) + theta.at(SCALE), theta.at(SECOND), theta.at(THIRD));
         let (a2, threefold) = (a * a, c(3.0) * K3);
@@ -81,7 +81,7 @@ pub struct ReadInverse;
 impl<V: Row<Number = f64>> OutputModel<V> for ReadInverse {
     /// `r` with `G(r) = a`, `J = G'(r)`, `m = dJ/d(k, K2, K3)`: `g = dr = (1, r, -r^2, -r^3) / J`, `d = -(m + C g / 2) / J`.
     #[inline(always)]
-    fn seen(&self, theta: &V, a: f64) -> Result<PredictedOutput<V>, DomainError> {
+    fn predicted(&self, theta: &V, a: f64) -> Result<PredictedOutput<V>, DomainError> {
         let at = |i: usize| if i < V::LENGTH { theta.at(i) } else { 0.0 };
         let parameters = Parameters { k: at(SCALE), K0: 0.0, K2: at(SECOND), K3: at(THIRD) };
         let (r, J, C) = Form::Inverse.solved(a, &parameters)?;

@@ -50,7 +50,7 @@ pub struct Gains<T, const M: usize> {
     /// Gains of the parameters.
     pub theta: Plain<T, M>,
     /// Gains of `p` and `v` in the filter whose parameters are known.
-    pub known: [T; 2],
+    pub settled: [T; 2],
     /// How it is whitened; `None` before that begins.
     pub white: Option<White<T>>,
 }
@@ -132,7 +132,7 @@ impl<T: Number, const M: usize> Sensitivity<T, M> {
             self.mean.copy_within(3.., 2);
             self.mean[STATES - 1] = dt.like(0.0);
         }
-        let Some(Gains { tau, b, motion, theta, known, white }) = reading else {
+        let Some(Gains { tau, b, motion, theta, settled, white }) = reading else {
             return;
         };
         let mut psi = tau.times_plus(v, p) + column.position;
@@ -150,7 +150,7 @@ impl<T: Number, const M: usize> Sensitivity<T, M> {
         for (mean, L) in self.mean.iter_mut().zip(L) {
             *mean = L.times_plus(white, *mean);
         }
-        (self.mean[0], self.mean[1]) = (self.mean[0] - known[0] * psi, self.mean[1] - known[1] * psi);
+        (self.mean[0], self.mean[1]) = (self.mean[0] - settled[0] * psi, self.mean[1] - settled[1] * psi);
         // The output's noise is in the sensitivity and in what is left: its mean is taken out, its variance counted.
         let shared = *share * of_noise;
         let [score, information] = &mut self.sums;
@@ -331,15 +331,15 @@ fn log_sum(a: f64, b: f64) -> f64 {
 /// ```
 #[must_use]
 pub fn posterior(b: f64, G: f64, scale: f64) -> (f64, f64, f64) {
-    let each = TAILS.map(|m| {
+    let tails = TAILS.map(|m| {
         let variance = (m * scale) * (m * scale);
         let spread = 1.0 + variance * G;
         let size = b * variance / spread;
         (0.5 * (b * size - libm::log(spread)), size, variance / spread)
     });
-    let total = each.iter().fold(f64::NEG_INFINITY, |sum, (log_e, ..)| log_sum(sum, *log_e));
+    let total = tails.iter().fold(f64::NEG_INFINITY, |sum, (log_e, ..)| log_sum(sum, *log_e));
     let (mut mean, mut square) = (0.0, 0.0);
-    for (log_e, size, variance) in each {
+    for (log_e, size, variance) in tails {
         let weight = libm::exp(log_e - total);
         mean += weight * size;
         square += weight * (variance + size * size);

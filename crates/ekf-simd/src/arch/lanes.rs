@@ -20,8 +20,8 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub fn from_fn(simd: S, mut f: impl FnMut(usize) -> f64) -> Self {
         let mut values = simd.splat_f64s(0.0);
-        let each: &mut [f64] = bytemuck::cast_slice_mut(std::slice::from_mut(&mut values));
-        for (lane, value) in each.iter_mut().enumerate() {
+        let lanes: &mut [f64] = bytemuck::cast_slice_mut(std::slice::from_mut(&mut values));
+        for (lane, value) in lanes.iter_mut().enumerate() {
             *value = f(lane);
         }
         Self { values, simd }

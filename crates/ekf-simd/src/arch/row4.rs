@@ -11,14 +11,14 @@ use crate::arch::fma::Fused;
 /// A row of `4 Q` parameters of one run; places beyond the parameters hold zeros.
 #[derive(Clone, Copy)]
 pub struct Row4<const Q: usize> {
-    each: [__m256d; Q],
+    quads: [__m256d; Q],
     simd: V3,
 }
 
 impl<const Q: usize> Row4<Q> {
     #[inline(always)]
     fn with(mut self, other: Self, f: impl Fn(__m256d, __m256d) -> __m256d) -> Self {
-        for (x, y) in self.each.iter_mut().zip(other.each) {
+        for (x, y) in self.quads.iter_mut().zip(other.quads) {
             *x = f(*x, y);
         }
         self
@@ -61,22 +61,22 @@ impl<const Q: usize> Row for Row4<Q> {
     #[inline(always)]
     fn from_fn(witness: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {
         let avx = witness.simd.avx;
-        let mut each = [avx._mm256_setzero_pd(); Q];
-        for (q, four) in each.iter_mut().enumerate() {
+        let mut quads = [avx._mm256_setzero_pd(); Q];
+        for (q, four) in quads.iter_mut().enumerate() {
             *four = avx._mm256_setr_pd(f(4 * q).x, f(4 * q + 1).x, f(4 * q + 2).x, f(4 * q + 3).x);
         }
-        Self { each, simd: witness.simd }
+        Self { quads, simd: witness.simd }
     }
 
     #[inline(always)]
     fn every(x: Fused<V3>) -> Self {
-        Self { each: [x.simd.avx._mm256_set1_pd(x.x); Q], simd: x.simd }
+        Self { quads: [x.simd.avx._mm256_set1_pd(x.x); Q], simd: x.simd }
     }
 
     #[inline(always)]
     fn at(&self, i: usize) -> Fused<V3> {
         let V3 { avx, sse2, .. } = self.simd;
-        let four = self.each[i / 4];
+        let four = self.quads[i / 4];
         let pair = if i % 4 < 2 { avx._mm256_castpd256_pd128(four) } else { avx._mm256_extractf128_pd::<1>(four) };
         let x = sse2._mm_cvtsd_f64(if i.is_multiple_of(2) { pair } else { sse2._mm_unpackhi_pd(pair, pair) });
         Fused { x, simd: self.simd }
@@ -84,7 +84,7 @@ impl<const Q: usize> Row for Row4<Q> {
 
     #[inline(always)]
     fn times_plus(mut self, a: Self, b: Self) -> Self {
-        for ((x, a), b) in self.each.iter_mut().zip(a.each).zip(b.each) {
+        for ((x, a), b) in self.quads.iter_mut().zip(a.quads).zip(b.quads) {
             *x = self.simd.fma._mm256_fmadd_pd(*x, a, b);
         }
         self
@@ -93,8 +93,8 @@ impl<const Q: usize> Row for Row4<Q> {
     #[inline(always)]
     fn sum(self) -> Fused<V3> {
         let V3 { avx, sse2, .. } = self.simd;
-        let mut total = self.each[0];
-        for x in &self.each[1..] {
+        let mut total = self.quads[0];
+        for x in &self.quads[1..] {
             total = avx._mm256_add_pd(total, *x);
         }
         let pair = sse2._mm_add_pd(avx._mm256_castpd256_pd128(total), avx._mm256_extractf128_pd::<1>(total));

@@ -116,7 +116,7 @@ impl Histories<'_> {
         &mut self,
         j: usize,
         N: usize,
-        found: Option<Innovation>,
+        innovation: Option<Innovation>,
         x: impl Fn(usize) -> f64,
         variance: impl Fn(usize) -> f64,
     ) {
@@ -128,10 +128,10 @@ impl Histories<'_> {
             variances.iter_mut().enumerate().for_each(|(i, to)| *to = variance(i));
         }
         if let Some(e) = self.innovations.as_deref_mut().and_then(|all| all.get_mut(j)) {
-            *e = found.map_or(f64::NAN, |innovation| innovation.e);
+            *e = innovation.map_or(f64::NAN, |innovation| innovation.e);
         }
         if let Some(S) = self.innovation_variances.as_deref_mut().and_then(|all| all.get_mut(j)) {
-            *S = found.map_or(f64::NAN, |innovation| innovation.s);
+            *S = innovation.map_or(f64::NAN, |innovation| innovation.s);
         }
     }
 }
@@ -241,17 +241,17 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
         let stepped = kernel.step(&mut at.block, settings, &mut at.gate, &at.history, sample);
         let sound = |(least, sum): (W::Number, W::Number)| least.value() >= 0.0 && sum.value().is_finite();
         let due = at.unchecked + 1 == EVERY;
-        let found = stepped.and_then(|found| {
+        let innovation = stepped.and_then(|innovation| {
             // Constant parameters are changed by readings alone.
-            let changed = found.is_some() || *drifting;
+            let changed = innovation.is_some() || *drifting;
             let now = &at.block;
             if due || !sound(now.motion_least_and_sum()) || changed && !sound(now.parameters_least_and_sum()) {
                 checked::<_, V, M>(at.block, *states)?;
             }
-            Ok(found)
+            Ok(innovation)
         });
-        let found = match found {
-            Ok(found) => found,
+        let innovation = match innovation {
+            Ok(innovation) => innovation,
             Err(error) => {
                 (at.block, at.gate) = (block, gate);
                 return Err(error);
@@ -259,7 +259,7 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
         };
         at.unchecked = if due { 0 } else { at.unchecked + 1 };
         at.history.push(sample.u);
-        at.innovation = found.or(at.innovation);
+        at.innovation = innovation.or(at.innovation);
         if let Some((watch, passage)) = watch.as_mut().zip(at.block.passage().and_then(|passage| passage.as_ref())) {
             let witness = passage.dt;
             let columns = sample.suspects.copied().unwrap_or_default();
@@ -271,7 +271,7 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
             };
             watch.advance(passage, column, Scalar::value);
         }
-        Ok(found)
+        Ok(innovation)
     }
 }
 
@@ -301,9 +301,10 @@ where
 
     fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
         for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
-            let found = self.step(&SampleInput { u, z, effects: None, suspects: None }).map_err(|error| (j, error))?;
+            let innovation =
+                self.step(&SampleInput { u, z, effects: None, suspects: None }).map_err(|error| (j, error))?;
             let block = &self.at.block;
-            histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
+            histories.keep(j, self.states, innovation, |i| block.x(i).value(), |i| block.P(i, i).value());
         }
         Ok(())
     }

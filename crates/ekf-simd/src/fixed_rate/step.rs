@@ -193,8 +193,8 @@ pub struct AciWithEffects {
 
 /// One number per effect as a row of all parameters: behind the sensor's own two, zero where there is none.
 #[inline(always)]
-fn placed<V: Row>(witness: V::Number, each: &[f64]) -> V {
-    V::from_fn(witness, |i| witness.like(if i < 2 { 0.0 } else { each.get(i - 2).copied().unwrap_or(0.0) }))
+fn placed<V: Row>(witness: V::Number, entries: &[f64]) -> V {
+    V::from_fn(witness, |i| witness.like(if i < 2 { 0.0 } else { entries.get(i - 2).copied().unwrap_or(0.0) }))
 }
 
 impl<'a> EffectColumns<'a> {
@@ -206,7 +206,7 @@ impl<'a> EffectColumns<'a> {
         dt: f64,
         curve: &'a BackwardCubic,
     ) -> impl Fn(f64) -> Driven<V> + use<'a, V, M> {
-        let [start, middle, end] = self.over.map(|each| placed::<V>(q, each));
+        let [start, middle, end] = self.over.map(|entries| placed::<V>(q, entries));
         move |s: f64| {
             let x = s / dt;
             let weights = [(2.0 * x - 1.0) * (x - 1.0), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)].map(|w| q.like(w));

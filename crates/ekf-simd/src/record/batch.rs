@@ -77,7 +77,7 @@ fn row(all: &[f64], width: usize, run: usize) -> &[f64] {
 /// Index of the first unusable value.
 fn first(values: &[f64], unusable: impl Fn(f64) -> bool) -> Option<usize> {
     // Chunks without an early exit compile to vector instructions.
-    let any = |stretch: &[f64]| stretch.iter().fold(false, |found, x| found | unusable(*x));
+    let any = |stretch: &[f64]| stretch.iter().fold(false, |any, x| any | unusable(*x));
     let stretch = values.chunks(WINDOW).position(any)?;
     (stretch * WINDOW..values.len()).find(|&index| unusable(values[index]))
 }
@@ -92,12 +92,12 @@ impl Batch<'_> {
             if count != times && count != times * self.runs {
                 return Err(SetupError::Lengths { channel, times: times * self.runs, values: count });
             }
-            let found = if driven && channel == Channel::Output {
+            let index = if driven && channel == Channel::Output {
                 first(values, |x| !x.is_finite())
             } else {
                 first(values, f64::is_infinite)
             };
-            if let Some(index) = found {
+            if let Some(index) = index {
                 return Err(SetupError::NotFinite { channel, index });
             }
         }
