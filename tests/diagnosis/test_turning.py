@@ -67,6 +67,24 @@ def test_a_tilt_below_the_bias_instability_is_none():
     assert "turning_sensor" not in codes(ac.improve(turned(record(), 0.02), most=0))
 
 
+@pytest.mark.parametrize("recorded", [True, False], ids=["of the sensor", "of another place"])
+def test_a_drift_that_follows_a_recorded_temperature_is_no_tilt(recorded):
+    # 14 K move bias and scale factor by more than the noise by far, on a motion to 13 Hz.
+    rng, t = np.random.default_rng([3, 34]), np.arange(0.0, 60.0, 2e-3)
+    w, size = 2.0 * np.pi * np.array([0.31, 0.87, 3.1, 8.3, 13.1]), np.array([0.11, 0.24, 3.0, 6.0, 8.0])
+    sines = np.sin(np.outer(w, t) + rng.uniform(0.0, 6.0, (5, 1)))
+    p, a, T = (size / w**2) @ sines, -size @ sines, 14.0 * (1.0 - np.exp(-t / 25.0))
+    u = 0.1 + (1.01 + 2.5e-4 * T) * a + 6e-3 * T + 2e-3 * rng.standard_normal(len(t))
+    z, thermometer = p + 2e-7 * rng.standard_normal(len(t)), 23.0 + 0.02 * rng.standard_normal(len(t))
+    thermometer += T if recorded else 7.0 + 7.0 * np.sin(0.3 * t)
+    units, rig = {"accel": "m/s^2", "position": "m", "temperature": "degC"}, Rig(axis="level")
+    recording = ac.Recording.from_arrays(t, u, z, units=units, rig=rig, side={"temperature": thermometer})
+    improvement = ac.improve(recording)
+    members = {name for group in improvement.classes for name in group.members}
+    assert ({"temperature_bias", "temperature_scale"} <= members) == recorded
+    assert ("turning_sensor" in codes(improvement)) != recorded
+
+
 def test_what_an_effect_of_the_motion_explains_is_named_as_ever():
     improvement = ac.improve(record(quadratic=0.02))  # far above the bias instability below 2 Hz
     assert improvement.effects[0] == "quadratic"

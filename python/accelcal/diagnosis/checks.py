@@ -92,10 +92,10 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     Notes
     -----
     What counts is left by a model with every effect that was found, those excepted that follow any function of time: a
-    bias that wanders follows a tilt as well. Where it lives in a few stretches they are named, unless such are left out
-    already. Else a drift of the bias that explains it stands beside the tilt, if all of it is as slow as a bias drifts;
-    where none does no name is certain. No null: the limit is the declared bias instability, noise subtracted
-    (tests/diagnosis/test_turning.py).
+    bias that wanders follows a tilt as well. What a recorded channel explains is no tilt. Where it lives in a few
+    stretches they are named, unless such are left out already. Else a drift of the bias that explains it stands beside
+    the tilt, if all of it is as slow as a bias drifts; where none does no name is certain. No null: the limit
+    is the declared bias instability, noise subtracted (tests/diagnosis/test_turning.py).
     """
     model, scan, recording = e.model, e.scan.detected, e.recording
     if e.forbidden or not e.scan.enough or gravity_is_recorded(recording):
@@ -128,6 +128,14 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     if left.stretches and all(note.code != "disturbed" for note in e.stretch.remarks):
         yield left.apart(recording)
         return
+    recorded = [find(name) for name in e.scan.detection_limits if name not in model.effects]
+    for driven in (
+        DetectedEffect(effect.name, {}, {}, "") for effect in recorded if effect.needs and not effect.shapes
+    ):
+        with suppress(ValueError):
+            others = [finding for finding in certain if finding.effect != driven.effect]
+            if left_by(model, [*others, driven], e.span).rms <= left.ordinary:
+                return
     wandering = [finding for finding in scan if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
     if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):

@@ -54,6 +54,9 @@ rejected in one record of a thousand. [probability; tests/selection/test_formula
 SLOW_NOISE_SIGMA = 2.0
 """Standard deviations above its fit at which slow noise stands in the null. Below the lowest frequencies that finalists
 leave free its spectrum is extrapolated. [sigma; tests/diagnosis/search/test_slow_noise.py]"""
+SLOW_NOISE_BEYOND_DOUBT = 20.0
+"""Least gain in log-likelihood, the noise's spectrum estimated with and without it, by which an effect is no part of
+the slow noise. Of records whose noise is slow alone the most is 11. [1; tests/diagnosis/test_turning.py]"""
 RECORD_PARTS = 8
 """Parts of a record, or of all runs together, whose sizes of an effect are compared. More parts hold too little of
 an effect to differ. [parts; tests/diagnosis/search/test_homogeneity.py]"""

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from accelcal.data import Array, Places, unit_diagonal
+from accelcal.diagnosis.policy import FINALISTS, SLOW_NOISE_BEYOND_DOUBT
 from accelcal.diagnosis.search.hypotheses import Hypothesis, jump_response, nuisances
-from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
+from accelcal.diagnosis.search.slow_noise import SlowNoise, log_likelihood, slow_noise
 from accelcal.estimation.columns import distinct
 from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of, whole_columns
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
@@ -407,11 +408,6 @@ class CandidateScores:
         left = (run.y - run.wy @ run.B)[moving]
         if slow_noise(left, run.rate, crossover) is None:
             return None
-        scaled, size = scaled_gram(self.G)
-        values, vectors = np.linalg.eigh(scaled + 1e-9 * np.eye(len(size)))
-        good = values > DEGENERATE_MIX
-        basis = vectors[:, good] / np.sqrt(values[good]) / size[:, None]
-        every = basis @ (basis.T @ self.c)
         explained = np.zeros(len(left))
         for rows, Z in run.stretches(self.terms):
             if rows.start == moving.stop:
@@ -419,10 +415,34 @@ class CandidateScores:
             if rows != moving:
                 return None
             X = Z - weights.T @ run.B[:, moving]
-            left = left - every @ X
-            cosines = scipy.fft.dct(basis.T @ X, norm="ortho", axis=1)
+            columns = self._beyond_doubt(left, X, run.rate, crossover)
+            scaled, size = scaled_gram(self.G[np.ix_(columns, columns)])
+            values, vectors = np.linalg.eigh(scaled + 1e-9 * np.eye(len(size)))
+            good = values > DEGENERATE_MIX
+            basis = vectors[:, good] / np.sqrt(values[good]) / size[:, None]
+            left = left - (basis @ (basis.T @ self.c[columns])) @ X[columns]
+            cosines = scipy.fft.dct(basis.T @ X[columns], norm="ortho", axis=1)
             explained = np.einsum("mn,mn->n", cosines, cosines)
         return slow_noise(left, run.rate, crossover, np.minimum(explained, 1.0))
+
+    def _beyond_doubt(self, left: Array, X: Array, rate: float, crossover: float) -> NDArray[np.intp]:
+        """Columns of the hypotheses that a residual shows beyond doubt, the spectrum of its noise unknown; of all where
+        it shows none: together they take the slowest bands whole, and leave a guess of their noise."""
+        columns = np.zeros(0, dtype=np.intp)
+        best = log_likelihood(left, rate, crossover)
+        for _ in range(FINALISTS):
+            trials = []
+            for item, place in zip(self.items, self.columns, strict=True):
+                if item.effect.width > 1 or item.effect.port == "process" or place.start in columns:
+                    continue
+                several = np.append(columns, place.start)
+                x = score_gain(self.G[np.ix_(several, several)], self.c[several])[2]
+                trials.append((log_likelihood(left - x @ X[several], rate, crossover), place.start))
+            likelihood, column = max(trials, default=(best, 0))
+            if likelihood - best < SLOW_NOISE_BEYOND_DOUBT:
+                break
+            columns, best = np.append(columns, column), likelihood
+        return columns if len(columns) else np.arange(len(self.terms))
 
     def given(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Gram matrix and scores once some hypotheses have entered: constant coefficients first, then random processes.

@@ -79,27 +79,37 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     Sums of squared cosine coefficients are gamma distributed with half the bins as shape: iterated least squares with
     the inverse of the squared mean as weight is their likelihood (derivations D3.6).
     """
-    n = len(r)
-    if n < 64:
+    if len(r) < 64:
         return None
-    power = scipy.fft.dct(r, norm="ortho")[1:] ** 2
-    f = np.arange(1.0, n) * rate / (2.0 * n)
-    octaves = math.log2(n)
-    edges = np.unique(np.geomspace(1.0, float(n), int(BANDS_PER_OCTAVE * octaves)).astype(np.intp)) - 1
-    edges = edges[edges < n - 1]
-    count = np.diff(np.append(edges, n - 1)).astype(np.float64)
-    dof = count if explained is None else count - np.add.reduceat(explained[1:], edges)
-    determined = dof > LEAST_DOF
-    level = np.add.reduceat(power, edges)[determined] / dof[determined]
+    f, level, dof = levels(r, rate, explained)
     if not np.any(level > 0.0):  # a planned motion leaves nothing
         return None
-    centre = np.exp(np.add.reduceat(np.log(f), edges) / count)[determined]
-    shapes = spectral_shapes(centre, crossover)
-    _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[determined])
-    coefficients, covariance, by_slow = most_likely(shapes, level, dof[determined])
+    shapes = spectral_shapes(f, crossover)
+    _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof)
+    coefficients, covariance, by_slow = most_likely(shapes, level, dof)
     if by_slow - by_white < -math.log(FAMILYWISE_ALPHA):
         return None
     return SlowNoise(coefficients, covariance, crossover, by_slow - by_white)
+
+
+def levels(r: Array, rate: float, explained: Array | None = None) -> tuple[Array, Array, Array]:
+    """Frequencies of the bands of a residual (n,) whose level is determined, Hz, that level, and its degrees of
+    freedom, (bands,) each; the other parameters are as of `slow_noise`."""
+    n = len(r)
+    power = scipy.fft.dct(r, norm="ortho")[1:] ** 2
+    f = np.arange(1.0, n) * rate / (2.0 * n)
+    edges = np.unique(np.geomspace(1.0, float(n), int(BANDS_PER_OCTAVE * math.log2(n))).astype(np.intp)) - 1
+    edges = edges[edges < n - 1]
+    count = np.diff(np.append(edges, n - 1)).astype(np.float64)
+    dof = count if explained is None else count - np.add.reduceat(explained[1:], edges)
+    centre, determined = np.exp(np.add.reduceat(np.log(f), edges) / count), dof > LEAST_DOF
+    return centre[determined], np.add.reduceat(power, edges)[determined] / dof[determined], dof[determined]
+
+
+def log_likelihood(r: Array, rate: float, crossover: float) -> float:
+    """Log-likelihood of a residual (n,) in noise of its most likely spectrum, up to a constant."""
+    f, level, dof = levels(r, rate)
+    return most_likely(spectral_shapes(f, crossover), level, dof)[2]
 
 
 def most_likely(X: Array, level: Array, dof: Array) -> tuple[Array, Array, float]:
