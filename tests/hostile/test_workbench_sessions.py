@@ -108,7 +108,7 @@ def test_a_session_comes_back_as_it_was(grown: Workbench, raw: bytes, tmp_path: 
     assert "not an added effect" in bench.sentence
     bench.release("bias")
     assert bench.sentence == ""
-    assert [s.label for s in bench.state.path] == ["base", "bias fixed", "bias free"]
+    assert [s.change.label for s in bench.state.path] == ["base", "bias fixed", "bias free"]
     bench.undo()
     bench.undo()
     assert bench.state.file is None
