@@ -75,12 +75,12 @@ class Parent:
                 request.write(json.dumps([words, cwd, environment]).encode())
                 request.seek(0)
                 socket.send_fds(link, [b"r"], [stream.fileno() for stream in (nothing, out, err, request)])
-            child = int(link.recv(100))
+            number, _, answer = link.recv(100).partition(b"\n")  # a short command has ended before it is read
             link.settimeout(timeout)
             try:
-                answer = link.recv(100)
+                answer = answer or link.recv(100)
             except TimeoutError:
-                os.kill(child, signal.SIGKILL)
+                os.kill(int(number), signal.SIGKILL)
                 link.settimeout(None)
                 link.recv(100)
                 raise subprocess.TimeoutExpired(words, timeout) from None
@@ -151,7 +151,7 @@ def serve(link: socket.socket) -> None:
             return
         for file in files:
             os.close(file)
-        link.send(str(child).encode())
+        link.send(f"{child}\n".encode())
         _, status, usage = os.wait4(child, 0)
         link.send(json.dumps([os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime]).encode())
 

@@ -130,7 +130,7 @@ def test_exports_are_downloaded_and_can_be_used(tab, files, tmp_path):
     module = downloaded(tab, "For firmware, Rust (.rs)", tmp_path)
     content = json.loads(downloaded(tab, "Calibration (.json)", tmp_path).read_text(encoding="utf-8"))
     certificate = ElementTree.parse(downloaded(tab, "Draft certificate (.xml)", tmp_path)).getroot()
-    assert [*content["own"]["coefficients"]] == ["bias", "scale_factor", "cubic"]
+    assert [*content["characteristic"]["coefficients"]] == ["bias", "scale_factor", "cubic"]
     assert certificate.tag == "{https://ptb.de/dcc}digitalCalibrationCertificate"
     assert (header.name, module.name) == ("cubic_sensor.h", "cubic_sensor.rs")
     (tmp_path / "main.c").write_text(f'#include "{header.name}"\nint main(void) {{ return 0; }}\n')

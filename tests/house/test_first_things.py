@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import warnings
@@ -213,3 +214,13 @@ def test_exact_and_empty_series_are_no_reason_to_warn() -> None:
         assert np.isfinite(power_fit(np.zeros(32), np.ones((32, 2)))[0]).all()
         assert len(local_spread(np.empty(0))) == 0
         assert np.isnan(interpolation_spread(np.empty(0), np.empty(0)))
+
+
+def test_a_command_that_ends_before_its_number_is_read_has_an_answer(tmp_path):
+    parent = commands.Parent()
+    parent.socket, other = socket.socketpair()
+    with parent.socket, other:
+        other.send(b"12\n")
+        other.send(b"[3, 0.5]")
+        assert parent.run(["-c", ""], str(tmp_path), {}, 10.0) == (3, b"", b"")
+        assert parent.spent == 0.5
