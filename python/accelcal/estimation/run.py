@@ -38,7 +38,7 @@ from accelcal.data.quality import reading_step, require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
 from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, runs_of_one_count, spikes
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resample, spectral_density
+from accelcal.signals.processing import cubic, even_times, low_pass, motion_bandwidth, resample, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import Jumps, jumps, lost_velocity, prediction_scores
@@ -393,7 +393,7 @@ class RunSamples:
         t, y = self.reference_readings
         few = slice(0, NOISE_SAMPLES)
         rate = (len(t[few]) - 1) / float(t[few][-1] - t[0])
-        uniform = cubic(t, y, np.arange(t[0], t[few][-1], 1.0 / rate))
+        uniform = cubic(t, y, even_times(t[0], t[few][-1], 1.0 / rate))
         f, density = spectral_density(uniform, rate, min(len(uniform), NOISE_SEGMENT))
         floor = float(np.median(density[f > 0.5 * NYQUIST * rate]))
         huge = 1e12 * floor  # no position takes part

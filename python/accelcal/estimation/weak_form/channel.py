@@ -13,7 +13,7 @@ from scipy.sparse import csr_array as Sparse
 from accelcal import _core
 from accelcal.data import Array
 from accelcal.estimation.channel_filters import GRID_ERROR
-from accelcal.signals.processing import low_pass
+from accelcal.signals.processing import even_times, low_pass
 from accelcal.signals.series import lagrange_weights
 
 DEGREE = 9
@@ -154,7 +154,7 @@ class SampledChannel:
             ticks = t[0] + even * np.arange(count)
             return cls(clock, y, np.broadcast_to(even, count), none, none, ticks, from_neighbours(number, count))
         weight = np.gradient(t)
-        at = np.arange(t[0], t[-1] + 0.5 * step, step)
+        at = even_times(t[0], t[-1] + 0.5 * step, step)
         at = at[at <= t[-1]]
         carrier = low_pass(through(t, y)(at), 1.0 / step, CARRIER_CUTOFF * rate)
         return cls(t, y - through(at, carrier)(np.clip(t, at[0], at[-1])), weight, at, carrier)
