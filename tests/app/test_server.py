@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.app.server import HOST, free_port
+from tests.hostile.workbench import port_of_worker
 
 pytest.importorskip("nicegui")
 
@@ -26,7 +27,7 @@ def server(tmp_path_factory):
 @contextmanager
 def served(tmp_path_factory):
     """A workbench while it runs: its port and process."""
-    port = free_port(18765)
+    port = port_of_worker()
     passed = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     process = subprocess.Popen(
         [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(port)],

@@ -27,6 +27,11 @@ LONG = 240_000
 """ms; a loaded machine takes its time."""
 
 
+def port_of_worker() -> int:
+    """Return a free port; processes that look for one at the same moment begin at different places."""
+    return free_port(int(np.random.default_rng(os.getpid()).integers(20_000, 32_000)))
+
+
 class Served:
     """A server in a process of its own; `start` and `stop` may be repeated, its folders stay."""
 
@@ -34,7 +39,7 @@ class Served:
         self.temporary, self.state = place / "temporary", place / "state"
         self.temporary.mkdir()
         # Below the ports that the system hands out: there `start` could connect to itself, before the server listens.
-        self.port = free_port(int(np.random.default_rng(os.getpid()).integers(20_000, 32_000)))
+        self.port = port_of_worker()
         self.log = place / "log"
         self.process: subprocess.Popen[bytes] | None = None
 
