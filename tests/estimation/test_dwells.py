@@ -76,6 +76,10 @@ def test_a_tumble_is_generalised_least_squares():
     assert np.array([e.std for e in fit.free]) == pytest.approx(std, rel=1e-6)
     assert fit.dwells.zeros[0][1] == pytest.approx(x[4], rel=1e-7)
     assert fit["time_offset"].std == 0.0
+    a = dwells.gravity * math.exp(-0.5 * dwells.angle_std**2) * np.sin(angle)
+    by_hand = stats.norm.logpdf(dwells.mean, np.polyval([x[3], x[2], 1.0 + x[1], x[0]], a), fit.dwells.std)
+    assert fit.log_likelihood == pytest.approx(np.sum(by_hand), rel=1e-6)
+    assert fit.bic == pytest.approx(len(fit.free) * math.log(24) - 2.0 * np.sum(by_hand), rel=1e-6)
 
 
 def test_angles_do_not_take_the_scale_factor():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.data.recording import Finding
 from accelcal.simulation import CXL02_RIG
 
 
@@ -90,3 +91,14 @@ def test_an_effect_of_several_coefficients_names_them(fitted: tuple[ac.Fit, ac.F
     waved = ac.add(fitted[1], fitted[2], "tone")
     with pytest.raises(KeyError, match=r"'tone' has several coefficients: tone\.sin, tone\.cos"):
         waved["tone"]
+
+
+def test_rounding_that_all_stamps_share_is_in_the_time_offset_alone(
+    fitted: tuple[ac.Fit, ac.Fit, ac.Recording],
+) -> None:
+    base, _, run = fitted
+    rounded = Finding("rounded_stamps", "accel", 1, 0.0, "stamps are rounded", common=2e-4)
+    fit = ac.fit(replace(run, findings=(*run.findings, rounded)))
+    for before, after in zip(base.free, fit.free, strict=True):
+        common = 2e-4 if before.name == "time_offset" else 0.0
+        assert after.std == pytest.approx(math.hypot(before.std, common), rel=1e-9)

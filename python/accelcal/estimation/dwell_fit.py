@@ -59,6 +59,12 @@ class DwellFit:
     """Dwells less coefficients and angle zeros."""
     remarks: tuple[Remark, ...] = ()
 
+    @property
+    def log_likelihood(self) -> float:
+        """Log-likelihood of the residuals, normal and independent."""
+        residual, variance = np.array(self.residual), np.square(self.std)
+        return -0.5 * float(np.sum(residual**2 / variance + np.log(2.0 * math.pi * variance)))
+
 
 def dwell_model(model: Model, dwells: Dwells) -> Model:
     """The model without the timing, which no dwell shows.
@@ -98,7 +104,6 @@ class DwellSolution:
     layout: Layout
     values: Values
     covariance: Array
-    log_likelihood: float
     fit: DwellFit
     nuisances: Nuisances
 
@@ -140,8 +145,6 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
             break
     values = layout.scatter(x, model, 0)
     nuisances = stepped(dwells, values, origins, nuisances)
-    last = dwell_rows(dwells, model.free, values, origins, nuisances)
-    squares, _ = remainder(last)
     names = [term.name for term in model.free]
     k = names.index("scale_factor") if "scale_factor" in names else None
     std = 0.0 if k is None else math.sqrt(covariance[k, k])
@@ -159,7 +162,6 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
         layout,
         values,
         covariance,
-        -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * last.std**2)))),
         result,
         nuisances,
     )

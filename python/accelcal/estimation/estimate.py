@@ -297,8 +297,9 @@ class Fit(Result):
 
     @property
     def log_likelihood(self) -> float:
-        """Innovation log-likelihood of all runs; dwells are not in it."""
-        return sum(run.log_likelihood for run in self.runs)
+        """Log-likelihood of the innovations of all runs and of the residuals at dwells."""
+        of_dwells = self.dwells.log_likelihood if self.dwells else 0.0
+        return sum(run.log_likelihood for run in self.runs) + of_dwells
 
     @property
     def aic(self) -> float:
@@ -307,8 +308,8 @@ class Fit(Result):
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion, of as many readings as the fit has used."""
-        readings = sum(run.readings for run in self.runs)
+        """Bayesian information criterion, of as many readings and dwells as the fit has used."""
+        readings = sum(run.readings for run in self.runs) + len(self.dwells.residual if self.dwells else ())
         return math.log(readings) * (len(self.covariance) + 2 * len(self.runs)) - 2.0 * self.log_likelihood
 
     @checked
