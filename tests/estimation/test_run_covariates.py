@@ -17,6 +17,7 @@ from accelcal.estimation.run_to_run import (
     covariates_of,
     goes_with,
     likelihood,
+    size_of,
 )
 from accelcal.simulation import CXL02_RIG
 from tests.tiers import drawn
@@ -106,6 +107,17 @@ def test_the_likelihood_is_that_of_the_dense_mixed_model():
     assert likelihood(data.y[None], data, every[0], 1e-5)[0] == pytest.approx(dense, rel=1e-9)
     grid = np.array([0.0, 1e-6, 1e-5])
     assert best_likelihood(data.y[None], data, every[0], grid)[0] >= dense
+
+
+def test_the_slope_of_exact_runs_is_that_of_ordinary_least_squares():
+    rng = np.random.default_rng(6)
+    x, b = rng.standard_normal((2, 9))
+    between = BetweenRuns(b, np.full(9, 1e-9), np.ones(9), np.eye(9))
+    slope, std, left = size_of(between, Covariate("temperature", x[:, None]), np.geomspace(1e-3, 1e3, 20_001))
+    line = stats.linregress(x, b)
+    assert (slope, std) == pytest.approx((line.slope, line.stderr), rel=1e-3)
+    missed = b - line.intercept - line.slope * x
+    assert left == pytest.approx(missed @ missed / 7, rel=1e-3)
 
 
 def test_dates_are_read_as_toml_and_as_text():

@@ -6,7 +6,9 @@ mod common;
 use common::{DT, Draw, cases, distance, orders, prior, read};
 use ekf_core::dense::system::Drive;
 use ekf_core::dense::ud::factorise;
-use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic, InverseLinear, WithEffects};
+use ekf_core::structured::acceleration::{
+    AccelerationModel, Driven, ForwardCubic, InverseCubic, InverseLinear, MixedPartials, WithEffects,
+};
 use ekf_core::structured::aci::{AciBlock, StepIntegrals};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::aci_ud::AciFactored;
@@ -15,12 +17,14 @@ use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::number::Real;
 use ekf_core::structured::row::Plain;
 use ekf_core::structured::taps::Taps;
+use ekf_core::structured::watch::{Passage, STARTS, Suspect, SuspectColumn, Watch, posterior};
 use ekf_core::{
     Aci, Belief, Carrier, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation, Order, Segment,
     Sensor, SetupError,
 };
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
+use std::array::from_fn;
 
 const R: f64 = 1e-12;
 const Q: f64 = 1e-6;
@@ -294,6 +298,17 @@ fn variances_stay_positive_in_double_precision_over_ten_minutes() {
 
 /// What a filter with the correction knows after a record of a noisy sensor, in one precision.
 fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorrected<T, 4, 2> {
+    watched(steps, witness, taps, 0.0, None)
+}
+
+/// The same of an output that drifts by `rate` m/s^3, with a watch for drifts beside it.
+fn watched<T: Real>(
+    steps: usize,
+    witness: T,
+    taps: Option<&Taps>,
+    rate: f64,
+    mut watch: Option<&mut dyn FnMut(usize, &Passage<T, 2>)>,
+) -> AciCorrected<T, 4, 2> {
     const NOISE: f64 = 1.0; // of one output, m/s^2
     let q = NOISE * NOISE * DT;
     let belief = diagonal::<4>(1e-2);
@@ -303,9 +318,10 @@ fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorre
     let mut gauss = || (0..12).map(|_| 0.5 * draw.next()).sum::<f64>(); // uniform on [-1, 1]: variance 12/12
     let mut from = Motion::output(0.0);
     let correction = if taps.is_some() { Correction::EstimateAndScores } else { Correction::None };
+    filter.passage = watch.is_some().then(|| Passage::none(witness));
     for i in 0..steps {
         let now = (i + 1) as f64 * DT;
-        let to = Motion::output(now) + NOISE * gauss();
+        let to = Motion::output(now) + NOISE * gauss() + rate * now;
         let z = Motion::position(now) + 1e-6 * gauss();
         let input = |s: f64| witness.like(from + (to - from) / DT * s);
         let step_input = StepInput { model: InverseLinear, order: Order::First, input, dt: DT };
@@ -315,9 +331,75 @@ fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorre
         let (innovation, reading) =
             filter.filter.innovate_with_effects(zero, &Plain([zero; 2]), witness.like(z), variance);
         filter.correct_with(zero, variance, &reading, &innovation, correction);
+        if let (Some(watch), Some(passage)) = (&mut watch, &filter.passage) {
+            watch(i, passage);
+        }
         from = to;
     }
     filter
+}
+
+fn drift(i: usize) -> SuspectColumn<f64> {
+    SuspectColumn { over: [0.0, 0.5, 1.0].map(|share| (i as f64 + share) * DT), position: 0.0, slope: 0.0 }
+}
+
+/// The watch's two hypotheses from two suspects: one of all steps, one of the steps since the newest start.
+#[test]
+fn a_watch_weighs_what_has_always_been_and_what_began_lately() {
+    let taps = Taps::even(Interpolation::Linear, true);
+    let (steps, least, scale) = (30_000, 20_000, 1.0);
+    let mut watch = Watch::new([Suspect::<f64, 2>::new(0.0, scale)], least);
+    let mut later = Watch::new([Suspect::<f64, 2>::new(0.0, scale)], u64::MAX);
+    let mut begun = Vec::new();
+    watched(
+        steps,
+        0.0,
+        Some(&taps),
+        0.0,
+        Some(&mut |i, passage| {
+            watch.advance(passage, |_| drift(i), |x| x);
+            if i as u64 >= least {
+                later.advance(passage, |_| drift(i), |x| x);
+            }
+            begun.push(watch.steps());
+        }),
+    );
+    assert!(begun.iter().zip(1..).all(|(steps, i)| *steps == i));
+    let [always, lately] = [&watch, &later].map(|watch| {
+        let [b, G] = watch.suspects[0].sums();
+        posterior(b, G, scale)
+    });
+    let evidence = watch.evidence(0, |x| x).unwrap();
+    let expected = (0.5 * always.0.exp() + 0.5 / f64::from(STARTS) * lately.0.exp()).ln();
+    assert!((evidence.log_e - expected).abs() < 1e-9, "{} is not {expected}", evidence.log_e);
+    assert!((evidence.size - always.1).abs() < 1e-12 && evidence.since == 0, "{evidence:?}");
+    assert_eq!(watch.evidence(1, |x: f64| x), None);
+}
+
+/// A drift that the filter lacks: its size within 4.5 standard deviations (one normal number: 7e-6), and beyond doubt.
+#[test]
+fn a_watch_measures_what_the_filter_lacks() {
+    let taps = Taps::even(Interpolation::Linear, true);
+    let says = |rate: f64| {
+        let mut watch = Watch::new([Suspect::<f64, 2>::new(0.0, 0.01)], u64::MAX);
+        let mut step = |i: usize, passage: &Passage<f64, 2>| watch.advance(passage, |_| drift(i), |x| x);
+        watched(40_000, 0.0, Some(&taps), rate, Some(&mut step));
+        watch.evidence(0, |x| x).unwrap()
+    };
+    let (none, planted) = (says(0.0), says(0.05));
+    println!("{none:?}\n{planted:?}");
+    assert!(none.log_e < 3.0 && (none.size / none.std).abs() < 4.5, "{none:?}");
+    assert!(planted.log_e > 10.0 && ((planted.size - 0.05) / planted.std).abs() < 4.5, "{planted:?}");
+}
+
+#[test]
+fn a_motion_that_begins_anew_forgets_what_an_effect_did_to_it() {
+    let passage = Passage { dt: DT, ..Passage::none(0.0) };
+    let mut moved = Suspect::<f64, 2>::new(0.0, 1.0);
+    moved.advance(&passage, &drift(0));
+    assert_ne!(moved, Suspect::new(0.0, 1.0));
+    moved.interrupt();
+    assert_eq!(moved, Suspect::new(0.0, 1.0)); // no reading: nothing of the parameters
 }
 
 fn corrected_precisions_agree(steps: usize) {
@@ -344,4 +426,27 @@ fn the_correction_needs_no_double_precision() {
 #[ignore = "ten minutes of record; make test-long"]
 fn the_correction_needs_no_double_precision_over_a_million_steps() {
     corrected_precisions_agree(1_000_000);
+}
+
+/// `d2a/(du dtheta)` and `da/du` of a model against differences of its own gradient and acceleration.
+fn mixed_partials_are_slopes<E: MixedPartials<Plain<f64, 4>, 4, Input = f64>>(model: E) {
+    const H: f64 = 1e-4;
+    let theta = Plain([0.02, 0.3, 2e-3, -4e-4]);
+    let table = model.table(&theta, &[Plain([0.0; 4]); 4], Order::First);
+    for u in [-7.0, -0.4, 0.3, 5.0] {
+        let (mixed, slope) = model.mixed(&theta, u).unwrap();
+        let [low, high] = [u - H, u + H].map(|u| model.at(&table, u).unwrap());
+        let differences: [f64; 4] = from_fn(|i| (high.g.0[i] - low.g.0[i]) / (2.0 * H));
+        for (value, difference) in mixed.0.iter().zip(differences) {
+            assert!((value - difference).abs() < 1e-6 * (1.0 + difference.abs()), "{value} is not {difference} at {u}");
+        }
+        assert!((slope - (high.a - low.a) / (2.0 * H)).abs() < 1e-7, "{slope} at {u}");
+    }
+}
+
+#[test]
+fn noise_of_the_output_enters_the_gradient_by_the_mixed_partials() {
+    mixed_partials_are_slopes(InverseLinear);
+    mixed_partials_are_slopes(InverseCubic);
+    mixed_partials_are_slopes(ForwardCubic);
 }

@@ -227,3 +227,18 @@ def test_noise_of_two_accelerations_adds_up_to_what_the_innovations_have(declare
     noise = engines.shared(rows)
     assert noise.q == pytest.approx(density)
     assert noise.q + noise.r / rate == pytest.approx(both)
+
+
+def test_noise_that_two_records_share_has_the_scatter_of_its_blocks():
+    """Standard deviation of 200 deviations within the 99 % interval of chi-square. Weights from the same blocks take
+    3 % of the shared variance where rows are as few as here: less than 1.5 of its standard deviations."""
+    rng, deviations = np.random.default_rng(31), []
+    for _ in range(200):
+        shared, raw, read = rng.standard_normal((3, 64 * engines.FEWEST_ROWS)) * [[2.0], [3.0], [1.0]]
+        covariance = SimpleNamespace(of_readings=[np.full(4, 2.0)])  # of one unit of the readings' variance
+        rows = SimpleNamespace(rows=len(raw), raw=raw + shared, reference_sums=read + shared, covariance=covariance)
+        r, std = engines.common_variance(rows)
+        deviations.append((r - 2.0) / std)
+    print(f"{np.std(deviations):.3f}, {np.mean(deviations):.3f}")
+    assert 0.87 < np.std(deviations) < 1.13
+    assert abs(np.mean(deviations)) < 1.5

@@ -120,6 +120,12 @@ mod tests {
     }
 
     #[test]
+    fn a_log_likelihood_is_that_of_a_normal_distribution() {
+        let innovation = Innovation::checked(3.0, 4.0).unwrap();
+        assert!((innovation.log_likelihood() + 2.737_085_713_764_618).abs() < 1e-14); // scipy.stats.norm.logpdf(3, 0, 2)
+    }
+
+    #[test]
     fn an_update_adds_information() {
         let (innovation, gain) = innovate(&prior(), &READING, R, 1.7).unwrap();
         let posterior = correct(&prior(), &READING, R, &innovation, &gain);
