@@ -10,7 +10,15 @@ from scipy import stats
 
 import accelcal as ac
 from accelcal import plots
-from accelcal.estimation.allan import FLOOR, TERMS, allan_deviation, degrees_of_freedom, rest
+from accelcal.estimation.allan import (
+    FLOOR,
+    TERMS,
+    NoiseTerm,
+    OutputNoise,
+    allan_deviation,
+    degrees_of_freedom,
+    rest,
+)
 from accelcal.io import read_sidecar
 from accelcal.plots import model
 from benches.allan import flicker, sensor
@@ -207,3 +215,15 @@ def test_the_command_prints_lines_writes_json_and_a_figure_and_its_advice_works(
     assert done.stdout.count("\n[sensor]") == 3
     require_published(json.loads((tmp_path / "rest.json").read_text()))
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("seconds", "reached"), [(240.0, False), (250.0, True)])
+def test_the_minimum_is_that_of_the_three_terms_where_half_of_the_record_reaches_it(seconds, reached):
+    terms = tuple(NoiseTerm(name, x, 0.5 * x, 2.0 * x) for name, x in zip(TERMS, (1e-3, 2e-5, 1e-5), strict=True))
+    noise = OutputNoise("accel", seconds, RATE, 10.0, terms, NONE, NONE, NONE, NONE, None, ())
+    tau = np.linspace(100.0, 150.0, 5001)
+    deviation = np.linalg.norm(noise.allan(tau), axis=0)
+    least = int(np.argmin(deviation))
+    assert noise.minimum == (
+        (pytest.approx(tau[least], rel=1e-3), pytest.approx(deviation[least])) if reached else None
+    )

@@ -13,6 +13,7 @@ from accelcal.diagnosis.select.cross_validation import (
     belongs_to_its_time,
     cross_validate,
     left_out,
+    paired,
     pieces,
     refusing,
     rows_of,
@@ -161,3 +162,11 @@ def test_effects_of_one_instant_or_of_time_are_recognised():
     judged = {"cubic", "coulomb", "rail_wave", "encoder_nonlinearity", "shape_of_position", "hysteresis", "sensor_lag"}
     assert all(belongs_to_its_time(find(name)) for name in exempt)
     assert not any(belongs_to_its_time(find(name)) for name in judged)
+
+
+def test_a_change_has_its_standard_error_from_two_blocks_on():
+    before, after = np.array([4.0, 9.0, 6.0]), np.array([3.0, 6.0, 7.0])
+    changes = [paired("prediction", before, after, np.arange(3) < count, 0.0, 0.0) for count in range(4)]
+    assert [change.blocks for change in changes] == [0, 1, 2, 3]
+    assert [change.std for change in changes] == [np.inf, np.inf, pytest.approx(1.0), pytest.approx(2.0 / np.sqrt(3.0))]
+    assert (changes[2].before, changes[2].after) == (6.5, 4.5)
