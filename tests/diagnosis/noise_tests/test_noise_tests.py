@@ -133,6 +133,7 @@ def test_disturbance_is_found_and_measured(case, motion, rig):
     assert test.p_value < NOISE_TEST_ALPHA
     # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
     assert abs(test.estimate - size) < 4.0 * test.std + 0.15 * size
+    assert "negligible" not in test.sentence
     if particular is not None:
         assert test.parts[particular] == pytest.approx(value, rel=3e-3)  # a third of a bin of the record's length
 
