@@ -301,13 +301,16 @@ fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorre
     watched(steps, witness, taps, 0.0, None)
 }
 
+/// What is done behind a step: its number, and what it did to errors of the mean.
+type AfterStep<'a, T> = &'a mut dyn FnMut(usize, &Passage<T, 2>);
+
 /// The same of an output that drifts by `rate` m/s^3, with a watch for drifts beside it.
 fn watched<T: Real>(
     steps: usize,
     witness: T,
     taps: Option<&Taps>,
     rate: f64,
-    mut watch: Option<&mut dyn FnMut(usize, &Passage<T, 2>)>,
+    mut watch: Option<AfterStep<T>>,
 ) -> AciCorrected<T, 4, 2> {
     const NOISE: f64 = 1.0; // of one output, m/s^2
     let q = NOISE * NOISE * DT;
