@@ -113,11 +113,11 @@ def test_the_slope_of_exact_runs_is_that_of_ordinary_least_squares():
     rng = np.random.default_rng(6)
     x, b = rng.standard_normal((2, 9))
     between = BetweenRuns(b, np.full(9, 1e-9), np.ones(9), np.eye(9))
-    slope, std, left = size_of(between, Covariate("temperature", x[:, None]), np.geomspace(1e-3, 1e3, 20_001))
+    slope, std, left = size_of(between, Covariate("temperature", x[:, None]), np.geomspace(0.05, 20.0, 2001))
     line = stats.linregress(x, b)
-    assert (slope, std) == pytest.approx((line.slope, line.stderr), rel=1e-3)
+    assert (slope, std) == pytest.approx((line.slope, line.stderr), rel=4e-3)
     missed = b - line.intercept - line.slope * x
-    assert left == pytest.approx(missed @ missed / 7, rel=1e-3)
+    assert left == pytest.approx(missed @ missed / 7, rel=4e-3)
 
 
 def test_dates_are_read_as_toml_and_as_text():
