@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from accelcal import verbs
-from accelcal.data.recording import Channel
+from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import ChannelFilter, LowPass
 from accelcal.diagnosis.faults import faults
-from accelcal.diagnosis.left_out import without_wrong_readings
+from accelcal.diagnosis.left_out import MOST_CUT, cut_without, without_wrong_readings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.run import prepare
 from accelcal.model import Model
@@ -223,3 +224,56 @@ def test_honest_records_lose_nothing(build, motion, rig):
         pytest.skip("no rest")
     remaining = build(record(motion, RIGS[rig], 38))
     assert without_wrong_readings(remaining) is remaining
+
+
+def behind_one_count(size, shown=0.0):
+    """Sines, and from 20 s to 30 s one period of a square wave of so many counts of the output, which shows others."""
+    t, count = np.arange(0.0, 60.0, 0.01), 0.5
+    square = count * np.where(t < 25.0, 1.0, -1.0)
+    sines = 3.0 * np.sin(2.0 * np.pi * 0.7 * t) + 2.0 * np.sin(2.0 * np.pi * 1.1 * t)
+    a, y = (np.where((t >= 20.0) & (t < 30.0), counts * square, sines) for counts in (size, shown))
+    p = np.cumsum(np.cumsum(a)) * 0.01**2 + 1e-5 * np.random.default_rng(3).standard_normal(len(t))
+    return Recording.from_arrays(t, count * np.rint(y / count), p, units={"accel": "m/s^2", "position": "m"})
+
+
+def test_a_count_hides_a_motion_by_the_square_of_its_length():
+    """A square wave below half a count for ten seconds moves the stage by metres, and is no fault; three counts are."""
+    still = behind_one_count(0.49)
+    assert without_wrong_readings(still) is still
+    (fault,) = without_wrong_readings(behind_one_count(3.0)).left_out
+    assert (fault.channel, fault.kind) == ("accel", "stuck")
+    assert fault.stretches[0] == pytest.approx((20.0, 30.0), abs=0.2)
+
+
+def denied(good):
+    """Ten readings in motion that are ten times the largest: no position follows."""
+    y = good.accel.y.copy()
+    y[10_000:10_010] = 10.0 * float(np.max(np.abs(y)))
+    return changed(good, accel=y)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "denied"])
+def test_what_is_left_out_does_not_depend_on_where_the_clock_begins(kind):
+    """Stamps of a day, as loggers write them; a position far from zero, as a scale along a bench reads it."""
+    good = record("interleaved", CXL02_RIG, 39)
+    bad = denied(good) if kind == "denied" else faulty(kind, good)[0]
+    accel, position = (replace(channel, t=channel.t + 65_536.0) for channel in (bad.accel, bad.position))
+    later = replace(bad, accel=accel, position=replace(position, y=position.y + 3.0))
+    here, there = (without_wrong_readings(recording).left_out for recording in (bad, later))
+    assert here
+    assert [(fault.kind, fault.count) for fault in there] == [(fault.kind, fault.count) for fault in here]
+    stretches = [np.array([fault.stretches for fault in left]) for left in (here, there)]
+    np.testing.assert_allclose(stretches[1] - 65_536.0, stretches[0], atol=1e-9)
+
+
+def test_the_call_that_is_advised_takes_the_stretch_with_its_ends():
+    """To a millisecond beyond either end; stretches that meet are one."""
+    good = record("interleaved", CXL02_RIG, 40, seconds=10.0)
+    clause = cut_without(good, [(3.0, 4.0), (6.0, 6.5), (4.001, 5.0)])
+    rest = good.without(*ast.literal_eval("[" + clause.split("recording.without(")[1][:-1] + "]"))
+    for channel in (rest.accel, rest.position):
+        assert not np.any((channel.t >= 3.0) & (channel.t <= 5.0)), channel.name
+        assert not np.any((channel.t >= 6.0) & (channel.t <= 6.5)), channel.name
+        assert np.any((channel.t > 5.0) & (channel.t < 5.1)), channel.name
+    assert clause.count("(") == 3
+    assert cut_without(good, [(float(k), k + 0.5) for k in range(MOST_CUT + 1)]) == ""

@@ -65,3 +65,12 @@ def test_lost_counts_are_found_on_a_resting_coarse_encoder(tmp_path):
     jumped = replace(recording, position=Channel("position", t, z + 15 * COUNT * (t > at), "m"))
     assert len(run.t) > len(prepare(recording).t)
     assert improve(jumped).effects == (POSITION_JUMPS,)
+
+
+def test_counts_of_a_stage_that_goes_and_returns_are_not_those_of_noise():
+    """A hundred slow counts forth and a hundred back turn once: the rests of forty readings are thinned."""
+    forth = np.arange(100).repeat(40)
+    z = COUNT * np.concatenate([forth, forth[::-1]])
+    t, left = distinct_readings(np.arange(len(z)) / 833.0, z, 30)
+    assert len(t) == 99 * 2 * 2 + 3  # at the turn one count for eighty readings
+    np.testing.assert_array_equal(np.unique(left), np.unique(z))
