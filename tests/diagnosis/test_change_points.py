@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.faults import faults, usable
+from accelcal.diagnosis.faults import RelationColumns, faults, unexplained, usable
 from accelcal.estimation.run import prepare
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 
@@ -130,3 +130,20 @@ def test_breaks_of_real_records(name):
         assert breaks == ()
     else:
         assert breaks[0] == pytest.approx(expected[0], abs=expected[1])
+
+
+def test_what_a_band_leaves_is_the_residual_of_least_squares():
+    """In pieces or at once: by QR of NumPy over all columns of the band, and its share of the variance as R squared."""
+    run = prepare(record("interleaved", CXL02_RIG, 9))
+    relation = RelationColumns(run).in_band(4.0)
+    columns = np.concatenate(list(relation.columns()))
+    c = np.linalg.lstsq(columns[:, :4], columns[:, 4])[0]
+    expected = (columns[:, 4] - columns[:, :4] @ c) * relation.size[4]
+    np.testing.assert_allclose(relation.residual(), expected, atol=1e-9 * np.std(expected))
+    rows = np.random.default_rng(4).standard_normal((3, 40, 5)) @ np.diag([1.0, 1.0, 1.0, 0.0, 1.0])
+    rows[:, :, 3], rows[:, :, 4] = 1.0, rows[:, :, 4] + 0.7 * rows[:, :, 0] + 5.0  # a constant is no motion
+    left, share = unexplained(np.einsum("kni,knj->kij", rows, rows))
+    for k, block in enumerate(rows):
+        residual = block[:, 4] - block[:, :4] @ np.linalg.lstsq(block[:, :4], block[:, 4])[0]
+        assert left[k] == pytest.approx(residual @ residual, rel=1e-6)
+        assert share[k] == pytest.approx(1.0 - np.mean(residual**2) / np.var(block[:, 4]), rel=1e-6)

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY, ChannelFilter, Rig
-from accelcal.estimation.channel_filters import LEAST_GAIN, ChannelFilters
+from accelcal.estimation.channel_filters import LEAST_GAIN, ChannelFilters, uniform
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.live_model import LiveModel
@@ -217,3 +217,15 @@ def test_noise_that_enters_behind_a_resonance_is_coloured_near_it() -> None:
     assert filters.colour(20.0)
     assert not filters.colour(2.0)
     assert not ChannelFilters(replace(rig, output_filters=(KINDS["butterworth"],)), RATE, RATE).colour(20.0)
+
+
+def test_even_samples_are_left_as_they_are_and_others_are_made_even() -> None:
+    t = 7.3 + np.arange(500) / 250.0
+    y = np.sin(9.0 * t)
+    at, same = uniform(t, y, 1.0 / 250.0)
+    assert at is t
+    assert same is y
+    uneven = np.delete(t, [100, 101, 333])
+    at, read = uniform(uneven, np.sin(9.0 * uneven), 1.0 / 250.0)
+    np.testing.assert_allclose(at, t, atol=1e-12)
+    np.testing.assert_allclose(read, y, atol=1e-6)

@@ -373,3 +373,17 @@ def test_a_model_of_dwells_leaves_the_timing_of_a_motion_free(motion):
 def test_dwells_without_any_noise_are_refused():
     with pytest.raises(ValueError, match=r"samples of dwell 1 do not scatter .* declare noise"):
         dataclasses.replace(tumble(np.random.default_rng(1)), std=np.zeros(24), rig=Rig())
+
+
+@pytest.mark.parametrize("further", [0.0, 2e-3])
+def test_candidates_of_a_tumble_are_tests_of_one_coefficient(further):
+    """Normal where what is declared explains the scatter, Student's where the scatter is that of the dwells."""
+    dwells = tumble(np.random.default_rng(17), TRUTH | {"quadratic": 0.0, "cubic": 0.0}, further=further)
+    diagnosis = ac.diagnose(fit := ac.fit(dwells), dwells)
+    assert (fit.dwells.scatter > 0.0) == (further > 0.0)
+    freedom = len(dwells) - len(fit.free) - 2  # the zero of the angle, and the candidate
+    assert len(diagnosis.candidates) > 3
+    for candidate in diagnosis.candidates:
+        statistic = abs(candidate.estimate / candidate.std)
+        p = 2.0 * (stats.norm.sf(statistic) if further == 0.0 else stats.t.sf(statistic, freedom))
+        assert candidate.sigma == pytest.approx(stats.norm.isf(0.5 * p), rel=1e-6), candidate.effect

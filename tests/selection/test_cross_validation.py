@@ -12,6 +12,7 @@ from accelcal.diagnosis.select.cross_validation import (
     alike,
     belongs_to_its_time,
     cross_validate,
+    drift_rows,
     left_out,
     paired,
     pieces,
@@ -170,3 +171,12 @@ def test_a_change_has_its_standard_error_from_two_blocks_on():
     assert [change.blocks for change in changes] == [0, 1, 2, 3]
     assert [change.std for change in changes] == [np.inf, np.inf, pytest.approx(1.0), pytest.approx(2.0 / np.sqrt(3.0))]
     assert (changes[2].before, changes[2].after) == (6.5, 4.5)
+
+
+def test_drifts_are_those_of_second_differences_a_quarter_of_a_horizon_apart():
+    """Of three readings each, and every stretch of the record is in eight of them."""
+    state = fitted([record(19)]).states[0]
+    t, columns = drift_rows(state, (), 2.0)
+    np.testing.assert_allclose(np.diff(t), 0.5, rtol=1e-9)
+    assert (t[0], t[-1]) == pytest.approx((state.run.t[0] + 2.0, state.run.t[-1] - 2.0), abs=0.5)
+    assert columns.shape == (len(t), 1)
