@@ -13,7 +13,9 @@ import accelcal as ac
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, LEVERS, TURNED, path_along
 from accelcal.data.quality import summarise
+from accelcal.data.recording import Channel
 from accelcal.diagnosis.checks import slow_residual
+from accelcal.diagnosis.faults import RelationColumns
 from accelcal.estimation.estimate import estimate, tied_sum
 from accelcal.estimation.run import prepare
 from accelcal.filters.choice import FilterChoice
@@ -341,3 +343,19 @@ def test_check_asks_where_columns_look_like_an_orientation(tmp_path: Path) -> No
     assert 'columns = ["q_w", "q_x", "q_y", "q_z"]' in summary
     assert 'gyr_x = { column = "gyro_x"' in io.template(tmp_path / "run.csv")
     assert "orientation: recorded" in summarise(read(tmp_path, table, TRACKED))
+
+
+def test_gravity_that_is_recorded_and_does_not_change_is_a_constant() -> None:
+    """Also beyond its samples, where the readings of a position reach farther, and in the columns of a relation."""
+    plain = ac.simulate(
+        "tones", seconds=8.0, rig=replace(CXL02_RIG, axis="up"), parameters={"bias": BIAS}, rng=np.random.default_rng(6)
+    ).recording
+    t = plain.position.t
+    inside = t[(t > t[0] + 1.0) & (t < t[-1] - 1.0)]
+    gravity = Channel(GRAVITY, inside, np.full(len(inside), plain.rig.gravity), "m/s^2")
+    constant, recorded = prepare(plain), prepare(replace(plain, side={GRAVITY: gravity}))
+    for a, b in zip(constant.gravity_integrals, recorded.gravity_integrals, strict=True):
+        np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-15)
+    for first, second in zip(RelationColumns(constant).drives, RelationColumns(recorded).drives, strict=True):
+        for a, b in ((first.first, second.first), (first.second, second.second)):
+            np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-12 * float(np.max(np.abs(a), initial=1e-3)))

@@ -17,6 +17,7 @@ from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import Vibration
 from accelcal.validation.evaluation import compare
 from accelcal.verbs import diagnose, improve
+from tests.workflow.test_figures import record as record_of
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 MG = 1e-3 * STANDARD_GRAVITY
@@ -220,3 +221,12 @@ def test_temperature_beyond_the_calibrated_range_is_counted():
     assert region.range == pytest.approx((20.0, 25.0), abs=0.01)
     assert region.count == pytest.approx(0.5 * region.of, rel=0.05)  # half of the ramp lies above 25 degC
     assert compare(fitted, at(warm, 20.5, 24.5)).outside[-2].count == 0
+
+
+def test_the_sentence_says_the_sigma_of_the_effect_that_it_names():
+    """One and no other of the candidates, which another of its class may even exceed."""
+    recording = record_of(3, lambda m: 8e-4 * m.a**2, seconds=10.0)
+    diagnosis = diagnose(ac.fit(recording), recording)
+    sigmas = {candidate.effect: f"{candidate.snr:.0f}" for candidate in diagnosis.scan.candidates}
+    assert diagnosis.sentence.startswith(f"quadratic explains what the model lacks ({sigmas['quadratic']} sigma; ")
+    assert sigmas["quadratic"] != sigmas["scale_asymmetry"]

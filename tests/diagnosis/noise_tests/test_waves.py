@@ -143,7 +143,9 @@ def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, message):
 
 
 def test_a_line_larger_than_the_converters_step_is_not_of_its_making():
-    steps = NoiseTest("quantisation", 3.0, 0.0, 0.01, "m/s²", 0.0, "steps", {"step": 0.01, "noise": 3e-3, "coarse": 1.0})
+    steps = NoiseTest(
+        "quantisation", 3.0, 0.0, 0.01, "m/s²", 0.0, "steps", {"step": 0.01, "noise": 3e-3, "coarse": 1.0}
+    )
     small, large = line(50.0, amplitude=5e-3), line(50.0, amplitude=0.02)
     assert own_tests([steps, small]) == [steps]
     assert own_tests([steps, large]) == [steps, large]

@@ -12,6 +12,7 @@ from scipy.special import ndtr
 
 import accelcal as ac
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.findings import chosen
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, size_given_choice
 from accelcal.diagnosis.search.confounding import confounding_class, likeliest
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
@@ -23,6 +24,7 @@ from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
 from tests.diagnosis.search.records import fitted
+from tests.workflow.test_figures import record
 from tests.worlds import Hidden, World, at_d
 
 
@@ -199,3 +201,17 @@ def test_a_size_given_its_choice_is_that_of_the_closed_form() -> None:
         for size, expected in zip(size_given_choice(z, ENTRY), (0.5, 0.025, 0.975), strict=True):
             assert beyond(z, size) == pytest.approx(expected, abs=2e-3)
     assert size_given_choice(9.0, ENTRY)[0] == pytest.approx(9.0, abs=1e-2)
+
+
+def test_the_remark_on_a_chosen_effect_holds_its_size_given_the_choice() -> None:
+    """The ends of the interval of that choice; nothing is said of what does not matter to it."""
+    for size in (7e-5, -3e-5):
+        recording = record(3, lambda m, size=size: size * m.a**2, seconds=10.0)
+        fit = ac.fit(recording, Model(("bias", "scale_factor", "time_offset", "quadratic")))
+        estimate = fit["quadratic"]
+        sigma = abs(estimate.value) / estimate.std
+        (note,) = chosen(fit, {"quadratic": sigma - 0.4})
+        middle, *ends = (math.copysign(estimate.std, estimate.value) * x for x in size_given_choice(sigma, sigma - 0.4))
+        expected = [middle, min(ends), max(ends)]
+        assert [note.values[key] for key in ("size", "low", "high")] == pytest.approx(expected, rel=1e-6)
+        assert chosen(fit, {"quadratic": sigma + 0.1}) == chosen(fit, {"cubic": 1.0}) == []
