@@ -68,6 +68,14 @@ def test_nine_parameters_are_least_squares_and_the_truth():
     assert np.linalg.norm(fit.apply(table.mean), axis=1) == pytest.approx(G + fit.residual)
 
 
+def test_scatter_that_is_that_of_the_noise_within_positions_is_once_as_large():
+    """Four of the standard deviations of the mean over 40 tables of 32 degrees of freedom: 6 in 100 000 at random."""
+    within = float(np.mean(K)) * 3.0 / math.sqrt(800.0)
+    ratios = [fit_triad(positions(np.random.default_rng(90 + seed), scatter=within)).ratio for seed in range(40)]
+    print(f"scatter {np.mean(np.square(ratios)):.3f} times the noise, in variance")
+    assert abs(np.mean(np.square(ratios)) - 1.0) < 4.0 * math.sqrt(2.0 / 32.0 / 40.0)
+
+
 def test_a_term_of_second_order_is_reported_with_what_it_is_confounded_with():
     """At a stated rate of 1 % over 100 nulls; the twin has K_x,xy of some ten standard deviations."""
     false = sum(fit_triad(positions(np.random.default_rng(s))).missing is not None for s in range(100))

@@ -15,6 +15,7 @@ import pytest
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.clean_fit import run_noise_tests
 from accelcal.diagnosis.noise.motion_noise import rank_correlation, strongest_frequency
+from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.noise.position import portmanteau
 from accelcal.diagnosis.noise.residuals import (
     BlockSpectra,
@@ -170,6 +171,16 @@ def test_portmanteau_sees_colour():
     """The sister that must fail: a correlation of 0.3."""
     e = np.random.default_rng(12).standard_normal(2048)
     assert portmanteau(e[1:] + 0.3 * e[:-1])[1] < NOISE_TEST_ALPHA
+
+
+@pytest.mark.parametrize(("size", "sentence"), [(0.0, "the innovations are white"), (0.02, "are correlated over ")])
+def test_innovations_are_said_to_be_white_where_they_are(size, sentence):
+    """A quadratic that the model lacks follows the motion, which is slower than the readings."""
+    parameters = {"bias": 0.1, "quadratic": size}
+    simulated = simulate("tones", seconds=8.0, rig=CXL02_RIG, parameters=parameters, rng=np.random.default_rng(3))
+    tests = {test.effect: test for test in run_noise_tests(world.fitted(simulated.recording))}
+    assert (tests[WHITENESS].p_value < NOISE_TEST_ALPHA) == (size > 0.0)
+    assert sentence in tests[WHITENESS].sentence
 
 
 def _order(spread, dof, n):
