@@ -151,6 +151,9 @@ ANGLE_STD = math.radians(0.01)
 """Of its angles where no level is declared, rad."""
 TELLS = 0.1
 """Share of its standard deviation that an effect keeps with a run that shows it."""
+BETTER = 0.99
+"""Ratio of standard deviations below which a run replaces one that is listed before it: two that show an effect equally
+well, such as the axis up and down, do not change places by a rounding error."""
 INSIDE = 1e-4
 """Component of an effect in the directions that nothing shows beyond which it is not seen."""
 
@@ -207,7 +210,7 @@ def further_runs(
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
             shown = old > find(name).prior.typical and std < TELLS * old  # not by these runs, but with that one
-            if shown and std < (runs_by_effect[name].std if name in runs_by_effect else math.inf):
+            if shown and std < (BETTER * runs_by_effect[name].std if name in runs_by_effect else math.inf):
                 runs_by_effect[name] = FurtherRun(name, term.unit, text, std)
     return tuple(runs_by_effect.values())
 
