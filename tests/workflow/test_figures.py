@@ -248,6 +248,20 @@ def stuck(seed: int) -> ac.Recording:
     return replace(run, accel=replace(run.accel, y=y), position=replace(run.position, y=z))
 
 
+def jumping(seed: int) -> ac.Recording:
+    """Readings that jump and return, one and three."""
+    run = record(seed)
+    z = run.position.y.copy()
+    z[[1400, 3800, 3801, 3802]] += 0.03, 0.02, 0.04, 0.02
+    return replace(run, position=replace(run.position, y=z))
+
+
+def followed_by_bias(m: Motion, tau: float, size: float) -> np.ndarray:
+    """A bias that follows the size of the acceleration with a time constant, s."""
+    share = 1.0 - math.exp(-(m.t[1] - m.t[0]) / tau)
+    return size * lfilter([share], [1.0, share - 1.0], np.abs(m.a))
+
+
 def dropped_out(seed: int) -> Iterator[Any]:
     """A velocity that is lost for some readings, in time and by frequency."""
     run = record(seed, reference="velocity", reading=1e-4, reads=lambda m: 0.3 * (np.arange(len(m.t)) % 701 > 697))
@@ -363,6 +377,9 @@ CASES: dict[str, Callable[[], Iterator[Any]]] = {
     "runs that differ": lambda: differing_runs(5),
     "a planned experiment": planned,
     "stamps of a day": lambda: improved(later(spoilt(37), 5e4)),
+    "little evidence": lambda: improved(record(72, lambda m: 5.5e-5 * m.a**2)),
+    "readings that jump": lambda: improved(jumping(73)),
+    "a curve and its memory": lambda: curve(record(74, lambda m: followed_by_bias(m, 0.5, 0.05))),
     "samples as they are": lambda: iter([ac.fit(spoilt(31), reject_outliers=False)]),
 }
 
