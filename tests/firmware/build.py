@@ -65,8 +65,8 @@ def cargo_rustc(
     built = Path(os.environ.get("CARGO_TARGET_DIR", FIRMWARE.parent / "target")) / "firmware"
     built.mkdir(parents=True, exist_ok=True)
     # Flags and profiles of whoever calls are not the firmware's.
-    foreign = ("RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET", "CARGO_BUILD_RUSTFLAGS")
-    environment = {name: value for name, value in os.environ.items() if name not in foreign} | {"RUSTC": rustc}
+    foreign = ("RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_", "CARGO_PROFILE_")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(foreign)} | {"RUSTC": rustc}
     command = [cargo, "rustc", "--quiet", "--release", "--locked", "--target-dir", str(built), *arguments, "--", *flags]
     with (built / "one-at-a-time").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)

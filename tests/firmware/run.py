@@ -30,6 +30,7 @@ class Machine:
 MACHINES = (
     Machine("Cortex-M4F, single", "mps2-an386"),
     Machine("Cortex-M7, single", "mps2-an500"),
+    Machine("Cortex-M4F, opt-level s", "mps2-an386", flags=("-Copt-level=s",)),
     Machine("Cortex-M4F, double in software", "mps2-an386", ("double",)),
     Machine("Cortex-M7, double in hardware", "mps2-an500", ("double",), ("-Ctarget-cpu=cortex-m7",)),
 )
