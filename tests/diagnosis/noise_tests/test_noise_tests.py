@@ -5,6 +5,7 @@ One test alarms at 1e-4; eight tests examine a record, so a good record alarms w
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ import pytest
 
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.clean_fit import run_noise_tests
-from accelcal.diagnosis.noise.motion_noise import rank_correlation, strongest_frequency
+from accelcal.diagnosis.noise.motion_noise import amplitude_from_power, rank_correlation, strongest_frequency
 from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.noise.position import portmanteau
 from accelcal.diagnosis.noise.residuals import (
@@ -280,3 +281,10 @@ def test_the_frequency_of_a_vibration_is_sought_within_half_a_bin_of_its_band() 
     residuals = SimpleNamespace(spectra=spectra, short_spectra=short, motion=motion, rate=200.0)
     bins = np.array([20.0, 21.5])
     assert strongest_frequency(residuals, bins) == 21.75  # type: ignore[arg-type]
+
+
+def test_an_amplitude_and_its_uncertainty_grow_with_the_gain():
+    """By propagation of a variance through the square root; a power below its uncertainty says no more than that."""
+    size, std = amplitude_from_power(4.0, 0.01, 3.0)
+    assert (size, std) == pytest.approx((6.0, 0.5 * 0.1 / 2.0 * 3.0))
+    assert amplitude_from_power(-1.0, 0.01, 3.0) == pytest.approx((0.0, 0.5 * math.sqrt(0.1) * 3.0))
