@@ -99,8 +99,8 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     /// Receives one event and processes all that are ready; at a tie push the output first, as in a record.
     ///
     /// # Errors
-    /// [`RunError::Step`]: [`StepError::TimeOrder`] and [`StepError::Backlog`] leave the filter as it was; after any other
-    /// the event that failed is dropped.
+    /// [`RunError::Step`]: [`StepError::TimeOrder`] and [`StepError::Backlog`] leave the filter as it was; any other is that
+    /// of the first event that failed. Events that fail are dropped: what follows is as if the record had lacked them.
     pub fn push(&mut self, event: Event, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         self.admit(&event).map_err(|error| RunError::Step {
             event: self.track.events + self.waiting,
@@ -120,8 +120,11 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     /// Processes what still waits, as at the end of a record.
     ///
     /// # Errors
-    /// [`RunError::Step`] with the event that failed.
+    /// [`RunError::Step`] with the first event that failed; [`SetupError::TooFew`] where readings wait for a first output.
     pub fn finish(&mut self, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
+        if E::DRIVEN && self.held == 0 && self.waiting > 0 {
+            return Err(SetupError::TooFew { channel: Channel::Output, count: 0, needed: 1 }.into());
+        }
         self.drain(true, keep)
     }
 
@@ -160,21 +163,36 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     }
 
     fn drain(&mut self, ended: bool, mut keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
+        let mut drained = Ok(());
         while let Some(event) = self.queue[0].filter(|_| ended || self.ready()) {
-            let window = Samples { t: &self.t[..self.held], y: &self.u[..self.held] };
-            let piece = window.piece(self.processed, self.filter.interpolation());
+            let how = self.filter.interpolation();
+            let piece = Samples { t: &self.t[..self.held], y: &self.u[..self.held] }.piece(self.processed, how);
             let step = self.filter.process(&self.track, &event, piece);
             self.queue.copy_within(1..self.waiting, 0);
             self.waiting -= 1;
             self.queue[self.waiting] = None;
-            if event.channel == Channel::Output {
+            // What holds the output before it has not used this one yet.
+            if event.channel == Channel::Output && (step.is_ok() || how == Interpolation::Hold) {
                 self.processed += 1;
+            } else if event.channel == Channel::Output {
+                self.forget();
             }
-            let outcome;
-            (self.track, outcome) = step?;
-            keep(&outcome);
+            match step {
+                Ok((track, outcome)) => {
+                    self.track = track;
+                    keep(&outcome);
+                }
+                Err(error) => drained = drained.and(Err(error)),
+            }
         }
-        Ok(())
+        drained
+    }
+
+    /// Takes the next output out of the window: no polynomial of a later step is to go through it.
+    fn forget(&mut self) {
+        self.t.copy_within(self.processed + 1..self.held, self.processed);
+        self.u.copy_within(self.processed + 1..self.held, self.processed);
+        self.held -= 1;
     }
 
     /// Whether the window already determines the output up to the next event, as a whole record would.
@@ -188,6 +206,71 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
             Interpolation::Cubic => {
                 self.processed == 0 && self.held > 0 || self.held == REACH && self.processed + 1 < self.held
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dense::aci::Aci;
+    use crate::dense::filter::Filter;
+    use crate::sensor::polynomial::Form;
+    use crate::sensor::states::Sensor;
+
+    const COUNT: usize = 300;
+
+    /// A stream of outputs and, at the same stamps, positions, of which some outputs have no acceleration.
+    fn events() -> impl Iterator<Item = Event> {
+        (0..COUNT).flat_map(|i| {
+            let t = i as f64 * 6e-4;
+            let impossible = i == 100 || (150..155).contains(&i);
+            let a = 8.0 * libm::cos(200.0 * t);
+            let output = if impossible { 60.0 } else { a - 1e-3 * a * a * a };
+            let position = 2e-4 * (1.0 - libm::cos(200.0 * t));
+            [(Channel::Output, output), (Channel::Position, position)].map(|(channel, value)| Event {
+                t,
+                channel,
+                value,
+            })
+        })
+    }
+
+    #[test]
+    fn readings_without_an_output_are_refused_at_the_end() {
+        let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 }, 1e-12, 0.0);
+        let mut live = Live::new(filter, &Belief::independent([0.0; 4], [1.0; 4])).unwrap();
+        for t in [0.0, 1.0] {
+            live.push(Event { t, channel: Channel::Position, value: 0.0 }, |_| ()).unwrap();
+        }
+        let error = SetupError::TooFew { channel: Channel::Output, count: 0, needed: 1 };
+        assert_eq!(live.finish(|_| ()), Err(RunError::Setup(error)));
+        assert_eq!((live.waiting(), live.track().t), (2, None));
+    }
+
+    #[test]
+    fn behind_steps_that_failed_a_stream_is_that_without_their_events() {
+        // From a K3 of -1e-3 on no acceleration gives more than 12 m/s^2.
+        let aci = Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 };
+        let prior = Belief::independent([0.0, 0.0, 0.0, 0.0, 0.0, -1e-3], [1e-5, 1e-2, 0.05, 0.5, 1e-3, 1e-6]);
+        for interpolation in [Interpolation::Hold, Interpolation::Linear, Interpolation::Cubic] {
+            let filter = Filter { interpolation, ..Filter::new(aci, 1e-12, 0.0) };
+            let mut live = Live::new(filter, &prior).unwrap();
+            let ([mut t, mut u, mut s, mut z], mut outputs, mut positions) = ([[0.0; COUNT]; 4], 0, 0);
+            let mut keep = |event: Event| match event.channel {
+                Channel::Output => (t[outputs], u[outputs], outputs) = (event.t, event.value, outputs + 1),
+                Channel::Position => (s[positions], z[positions], positions) = (event.t, event.value, positions + 1),
+            };
+            let failures = events().filter(|&event| live.push(event, |outcome| keep(outcome.event)).is_err()).count();
+            live.finish(|outcome| keep(outcome.event)).unwrap();
+            assert!(failures <= 10 && outputs == COUNT - 6);
+            assert_eq!(live.track().t, Some((COUNT - 1) as f64 * 6e-4));
+            if interpolation != Interpolation::Linear {
+                continue; // a cubic has seen them in the steps before; what is held moves a step after its event
+            }
+            let (output, position) =
+                (Samples { t: &t[..outputs], y: &u[..outputs] }, Samples { t: &s[..positions], y: &z[..positions] });
+            assert_eq!(live.track(), &filter.run(&prior, output, position, |_, _| ()).unwrap());
         }
     }
 }
