@@ -15,7 +15,10 @@ use ekf_core::structured::cwpa::CwpaBlock;
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::row::Plain;
-use ekf_core::{Aci, Cwpa, Form, GaussMarkov, Integrator, Order, Segment, Sensor, SetupError, StepError};
+use ekf_core::{
+    Aci, Belief, Cwpa, DomainError, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Order, RunError, Samples,
+    Segment, Sensor, SetupError, StepError,
+};
 use nalgebra::{RowSVector, SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -249,4 +252,15 @@ proptest! {
         cwpa_agrees::<5, 2, _>(Form::Inverse, &ReadInverse, choice);
         cwpa_agrees::<7, 4, _>(Form::Inverse, &ReadInverse, choice);
     }
+}
+
+#[test]
+fn an_output_that_falls_with_the_acceleration_is_refused_in_blocks_as_on_matrices() {
+    let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 }, R, 0.0);
+    let prior = Belief::independent([0.0, 0.0, -2.0, 0.0], [1e-3, 0.1, 0.05, 0.5]);
+    let samples = Samples { t: &[0.0, DT], y: &[0.0, 0.0] };
+    let error = StepError::Domain(DomainError::Slope { slope: -1.0 });
+    let refused = Some(RunError::Step { event: 2, t: DT, error });
+    assert_eq!(filter.run(&prior, samples, samples, |_, _| ()).err(), refused);
+    assert_eq!(Engine::<4>::run(&InBlocks(filter), &prior, samples, samples, |_, _| ()).err(), refused);
 }

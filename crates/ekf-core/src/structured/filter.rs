@@ -9,7 +9,7 @@ use crate::dense::cwpa::Cwpa;
 use crate::dense::filter::Filter;
 use crate::dense::system::{Drive, System};
 use crate::dense::update::GatedReading;
-use crate::error::{SetupError, StepError};
+use crate::error::{DomainError, SetupError, StepError};
 use crate::sensor::polynomial::Form;
 use crate::sensor::states::Sensor;
 use crate::signal::channel::{Channel, Event};
@@ -113,6 +113,12 @@ fn drift<const M: usize>(sensor: &Sensor) -> GaussMarkovSet<Plain<f64, M>, M> {
     GaussMarkovSet::new(0.0, core::array::from_fn(|i| sensor.gauss_markov[i]))
 }
 
+/// Refuses a scale factor under which the output of the forward sensor does not rise, as the dense filter does.
+fn rising<const M: usize>(theta: &Plain<f64, M>) -> Result<(), StepError> {
+    let slope = 1.0 + theta.0[0];
+    if slope > 0.0 { Ok(()) } else { Err(DomainError::Slope { slope }.into()) }
+}
+
 impl Filter<Aci> {
     fn aci_step<E, const M: usize>(
         &self,
@@ -202,7 +208,7 @@ macro_rules! aci {
             fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError> {
                 match self.system.sensor.form {
                     Form::Inverse => self.aci_step(block, $inverse, drive),
-                    Form::Forward => self.aci_step(block, $forward, drive),
+                    Form::Forward => rising(&block.theta).and_then(|()| self.aci_step(block, $forward, drive)),
                 }
             }
 
@@ -254,6 +260,8 @@ cwpa!(5, 2, ReadLinear);
 cwpa!(7, 4, ReadCubic);
 
 /// ACI on factors without integration error, the output's noise in the gradient taken out: the filter of a live view.
+///
+/// A start from nothing may pass through scale factors under which the output of a linear forward sensor falls; it goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corrected {
     filter: Filter<Aci>,
