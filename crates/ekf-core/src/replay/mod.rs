@@ -9,7 +9,7 @@ pub mod dead_reckoning;
 pub mod filter;
 pub mod grid;
 pub mod smoother;
-#[cfg(test)]
+#[cfg(all(test, feature = "std"))]
 mod tests;
 
 use crate::signal::integrals::{ConditionError, check_samples};
