@@ -295,3 +295,27 @@ fn a_step_that_fails_leaves_the_filter_as_it_was() {
     assert_eq!(before, (0..4).map(|i| live.x(i).to_bits()).collect::<Vec<_>>());
     assert_eq!(live.samples(), 1);
 }
+
+/// States that correlate by -0.6 with each other in threes are no covariance, which no pair of them shows.
+#[test]
+fn a_prior_that_no_filter_could_have_neither_builds_one_nor_begins_it_anew() {
+    let aci_of = |carrier| Filter { carrier, ..PLAIN.filter(Aci { sensor: PLAIN.sensor(), q: 1e-6, tau: 0.0 }) };
+    let P = |within: f64| -> [f64; 16] {
+        std::array::from_fn(|at| match (at / 4, at % 4) {
+            (i, j) if i == j => 1.0,
+            (0..3, 0..3) => within,
+            _ => 0.0,
+        })
+    };
+    let (good, indefinite) = (P(0.1), P(-0.6));
+    let four = |P| Prior { states: 4, x: &[0.0; 4], P };
+    let five = Prior { states: 5, x: &[0.0; 5], P: &[0.0; 25] };
+    for carrier in [Carrier::Dense, Carrier::Factored] {
+        let built = |P| aci(&aci_of(carrier), Correction::None, DT, four(P));
+        let mut live = built(&good).unwrap();
+        assert!(matches!(built(&indefinite).err(), Some(SetupError::Prior { .. })));
+        assert!(matches!(live.begin(four(&indefinite)), Err(SetupError::Prior { .. })));
+        assert_eq!(live.begin(five), Err(SetupError::Size { given: 5 }));
+        assert_eq!(live.P(0, 1).to_bits(), 0.1_f64.to_bits());
+    }
+}

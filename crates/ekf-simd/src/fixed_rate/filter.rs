@@ -4,11 +4,12 @@
 
 use ekf_core::dense::belief::{check_covariance, check_mean};
 use ekf_core::dense::system::System;
+use ekf_core::dense::ud::factorise;
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
+use ekf_core::nalgebra::SMatrix;
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use ekf_core::structured::aci_ud::AciFactored;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Correction};
+use ekf_core::structured::errors_in_variables::Correction;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -322,7 +323,10 @@ where
     }
 
     fn begin(&mut self, prior: Prior<'_>) -> Result<(), SetupError> {
-        checked_prior(&prior, self.settings.dt, 4)?;
+        if prior.states != self.states {
+            return Err(SetupError::Size { given: prior.states });
+        }
+        checked_prior(&prior, self.settings.dt, self.states)?;
         let witness = self.arithmetic.witness();
         self.at = FilterState::new(&prior, witness, self.at.gate.threshold);
         if let Some(watch) = &mut self.watch {
@@ -408,20 +412,6 @@ where
     plan.build::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
 }
 
-/// The kernel on the factors of the prior: without integration error, whatever the filter's integrator.
-fn factored<K, const N: usize, const M: usize>(
-    plan: &Construction<'_>,
-    kernel: K,
-) -> Result<Box<dyn FixedRate>, SetupError>
-where
-    K: FixedRateStep<Plain<f64, M>, M, Block = AciCorrected<f64, N, M>> + 'static,
-{
-    let Prior { states, x, P } = plan.prior;
-    let at = |i: usize, j: usize| if i < states && j < states { P[i * states + j] } else { 0.0 };
-    AciFactored::<f64, N, M>::factored(|i| x.get(i).copied().unwrap_or(0.0), at)?;
-    Ok(portable(plan, kernel))
-}
-
 fn construction<'a, S>(
     filter: Filter<S>,
     dynamics: Dynamics<'a>,
@@ -448,7 +438,9 @@ fn checked_prior(prior: &Prior<'_>, dt: f64, least: usize) -> Result<(), SetupEr
     if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
         return Err(SetupError::Setting { name: "prior", value });
     }
-    check_covariance(states, |i, j| P[i * states + j]).map_err(SetupError::Belief)
+    check_covariance(states, |i, j| P[i * states + j]).map_err(SetupError::Belief)?;
+    let at = |i: usize, j: usize| if i < states && j < states { P[i.max(j) * states + i.min(j)] } else { 0.0 };
+    factorise(&SMatrix::<f64, { EFFECTS + 4 }, { EFFECTS + 4 }>::from_fn(at)).map(|_| ())
 }
 
 /// What a sample adds over a whole step.
@@ -476,10 +468,18 @@ pub fn aci(
     let taps = whole(filter, correction)?;
     if filter.carrier == Carrier::Factored {
         return match (sensor.form, prior.states) {
-            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear, taps, correction }),
-            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic, taps, correction }),
-            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear, taps, correction }),
-            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic, taps, correction }),
+            (Form::Inverse, 4) => {
+                Ok(portable::<_, 2>(&plan, FactoredAci::<_, 4> { effect: InverseLinear, taps, correction }))
+            }
+            (Form::Inverse, 6) => {
+                Ok(portable::<_, 4>(&plan, FactoredAci::<_, 6> { effect: InverseCubic, taps, correction }))
+            }
+            (Form::Forward, 4) => {
+                Ok(portable::<_, 2>(&plan, FactoredAci::<_, 4> { effect: ForwardLinear, taps, correction }))
+            }
+            (Form::Forward, 6) => {
+                Ok(portable::<_, 4>(&plan, FactoredAci::<_, 6> { effect: ForwardCubic, taps, correction }))
+            }
             (_, given) => Err(SetupError::Size { given }),
         };
     }
@@ -510,9 +510,9 @@ pub fn aci_with_effects(
     let taps = whole(filter, correction)?;
     if filter.carrier == Carrier::Factored {
         return match prior.states - 2 {
-            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest, taps, correction }),
-            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest, taps, correction }),
-            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest, taps, correction }),
+            0..=4 => Ok(portable::<_, 4>(&plan, FactoredAciWithEffects::<6> { rest, taps, correction })),
+            5..=8 => Ok(portable::<_, 8>(&plan, FactoredAciWithEffects::<10> { rest, taps, correction })),
+            9..=16 => Ok(portable::<_, 16>(&plan, FactoredAciWithEffects::<18> { rest, taps, correction })),
             _ => Err(SetupError::Size { given: prior.states }),
         };
     }
