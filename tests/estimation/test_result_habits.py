@@ -32,6 +32,35 @@ def test_criteria_prefer_the_right_model(fitted: tuple[ac.Fit, ac.Fit, ac.Record
     assert base.bic - cubic.bic == pytest.approx(one_more - math.log(sum(run.readings for run in base.runs)))
 
 
+def test_criteria_count_coefficients_two_noises_of_each_run_and_readings(
+    fitted: tuple[ac.Fit, ac.Fit, ac.Recording],
+) -> None:
+    """By their definitions (Akaike 1974, Schwarz 1978), of one run and of two."""
+    run = fitted[2].part(0.0, 6.0)
+    for fit in (ac.fit(run), ac.fit([run, replace(run, name="again", digest="again")])):
+        count = len(fit.free) + 2 * len(fit.runs)
+        assert fit.aic == pytest.approx(2.0 * count - 2.0 * fit.log_likelihood)
+        assert fit.bic == pytest.approx(math.log(sum(r.readings for r in fit.runs)) * count - 2.0 * fit.log_likelihood)
+
+
+@pytest.mark.parametrize("verb", ["fit", "diagnose", "add", "improve", "power", "compare"])
+def test_progress_rises_and_ends_at_most_at_the_whole(verb: str, fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    base, run = fitted[0], fitted[2].part(0.0, 6.0)
+    arguments = {
+        "fit": (run,),
+        "diagnose": (base, run),
+        "add": (base, run, "cubic"),
+        "improve": (run,),
+        "power": (base, run),
+        "compare": (base, run),
+    }[verb]
+    shares: list[float] = []
+    getattr(ac, verb)(*arguments, progress=shares.append)
+    assert shares
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] <= shares[-1] <= 1.0
+
+
 def test_prediction_and_residual_add_up_to_the_output(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
     base, cubic, run = fitted
     t, predicted = cubic.predict(run)

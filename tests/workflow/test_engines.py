@@ -33,6 +33,21 @@ def test_every_engine_estimates_the_truth(simulated: Simulated, method: Any, eng
         assert abs(fit[name].value - true) < 5.0 * fit[name].std < abs(fit[name].value)
 
 
+@pytest.mark.parametrize(
+    "method", ["replay", "weak", *(ac.FilterChoice(system, "linear") for system in ("aci", "cwpa"))], ids=str
+)
+def test_no_engine_asks_where_a_scale_or_a_clock_has_its_zero(simulated: Simulated, method: Any) -> None:
+    """A thousandth of a standard deviation; a filter that began at another zero would take a meter for a motion."""
+    here = simulated.recording
+    accel, position = (replace(channel, t=channel.t + 512.0) for channel in (here.accel, here.position))
+    there = replace(here, accel=accel, position=replace(position, y=position.y + 2.0))
+    fits = [ac.fit(recording, method=method) for recording in (here, there)]
+    for name in ("bias", "scale_factor"):
+        estimates = [fit[name] for fit in fits]
+        assert estimates[1].value == pytest.approx(estimates[0].value, abs=1e-3 * estimates[0].std)
+        assert estimates[1].std == pytest.approx(estimates[0].std, rel=1e-3)
+
+
 def test_a_live_filter_is_an_engine_of_fit(simulated: Simulated) -> None:
     choice = ac.FilterChoice("aci", "linear")
     fit, replayed = (ac.fit(simulated.recording, method=method) for method in (choice, "replay"))
