@@ -55,7 +55,9 @@ WOBBLE = ("wobble_sin", "wobble_cos")
 """Side channels: acceleration along the axis for each radian by which the axle cones against the turn, m/s²."""
 BENDING = "arm_bending"
 """Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
-OF_ARM = (*TILTS, *ECCENTRICITY, *WOBBLE, BENDING)
+ARM_ANGLE = "arm_angle"
+"""Side channel: the angle as the encoder reads it, without the jumps of its range, rad."""
+OF_ARM = (*TILTS, *ECCENTRICITY, *WOBBLE, BENDING, ARM_ANGLE)
 """Side channels of a sensor on an arm alone."""
 DERIVED = (GRAVITY, GRAVITY_NOISE, *LEVERS, *ACROSS, *LEVELS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
@@ -495,8 +497,9 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
                 for out, ahead, lean in cones
             ),
             arm * (outward * (stretched - rate**4) + forward * (alpha * rate**2 + 2.0 * stretch * rate)),
+            angle[rows],
         ]
-    units = dict.fromkeys(LEVERS, "rad/s^2") | dict.fromkeys(OF_ARM, "m/s^2") | {BENDING: "m/s^4"}
+    units = dict.fromkeys(LEVERS, "rad/s^2") | dict.fromkeys(OF_ARM, "m/s^2") | {BENDING: "m/s^4", ARM_ANGLE: "rad"}
     x, y, z, *further = (Channel(name, t, y, unit) for (name, unit), y in zip(units.items(), columns, strict=True))
     return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
 

@@ -66,6 +66,7 @@ from accelcal.estimation.gauss_newton import (
 from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.plausible import gravity_mistaken, implausible_scale, reversed_or_unrelated
 from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
 from accelcal.estimation.run_state import RunState
@@ -649,6 +650,7 @@ def settled_state(run: PreparedRun, values: Values, noise: Noise, band: float | 
     """State of a run at values and noise that stay, its signals and its nominal settled against each other."""
     state = RunState.at(run, values, noise, band, search_noise=False)
     for _ in range(0 if values.constant and not noise.growth else SETTLING - 1):
+        state.values = replace(values, nuisances=normal_equations(state, ()).nuisances)
         state.refresh(values, search_noise=False)
     return state
 

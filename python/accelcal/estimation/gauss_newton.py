@@ -260,6 +260,8 @@ def estimated(
         X, y = (np.zeros((0, len(x))), np.zeros(0)) if still is None else (still.columns, still.y)
         step, covariance = solve(information + drawn + X.T @ X, score - drawn @ x + X.T @ y, layout)
         x = x + step
+        for index, state in enumerate(states):
+            state.values = replace(state.values, nuisances=normals[index].at(step[layout.rows(index)]))
         progress(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
         converged = moved <= CONVERGED

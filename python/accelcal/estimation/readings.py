@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Channel, Flags, running_integral, white_variance
+from accelcal.data import Array, Channel, Flags, running_integral, runs_of, white_variance
 
 MIN_READINGS = 16
 """A record has at least this many encoder readings."""
@@ -146,6 +147,46 @@ def runs_of_one_count(z: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First reading and number of readings of each run of equal readings (n,)."""
     begins = np.concatenate([[0], np.flatnonzero(np.diff(z)) + 1])
     return begins, np.diff(begins, append=len(z))
+
+
+HELD = 16
+"""Readings over which an angle is averaged before it is asked whether the arm rests: noise that dithers a third of a
+count does not move the mean by half a count. [readings; tests/estimation/test_arms.py]"""
+
+
+@dataclass(frozen=True, slots=True)
+class AngleError:
+    """What rounding to counts, and the noise that dithers them, make of an angle: all as for an arm that is level."""
+
+    spans: Array
+    """Begin and end of each rest, (rests, 2) s."""
+    shared: float
+    """Standard deviation of the error that all readings of a rest share, rad."""
+    resting: float
+    """Variance of what they do not share, rad²."""
+    moving: float
+    """Variance of a reading while the arm turns, rad²."""
+
+    @classmethod
+    def of(cls, t: Array, angle: Array, count: float) -> AngleError:
+        """Of readings (n,) s and rad on a grid of counts.
+
+        Notes
+        -----
+        With noise σ the mean reading at x is off by a Fourier series in x/count, whose k-th harmonic is count/(π k)
+        exp(-2 π² k² σ²/count²). While σ is below a count, the variance of readings is σ count/√π in the mean over x.
+        """
+        mean = np.convolve(angle - angle[0], np.full(HELD, 1.0 / HELD), "valid")
+        spans = runs_of(np.abs(mean[HELD:] - mean[:-HELD]) < 0.5 * count) + np.array([0, 2 * HELD - 2])
+        spans = np.array([[a, b] for a, b in spans if np.ptp(mean[a : b - HELD + 2]) <= 1.5 * count], dtype=np.intp)
+        spans = spans.reshape(-1, 2)
+        spans[:-1, 1] = np.minimum(spans[:-1, 1], spans[1:, 0] - 1)
+        inside = HELD // 2  # at its ends the arm still moves a little
+        scatter = [(np.var(angle[a + inside : b - inside + 1]), b - a) for a, b in spans if b - a > HELD]
+        spread = sum(v * n for v, n in scatter) / sum(n for _, n in scatter) if scatter else 0.0
+        k, sigma = np.arange(1.0, 100.0), math.sqrt(math.pi) * spread / count
+        shared = float(np.sum(np.exp(-((2.0 * np.pi * k * sigma / count) ** 2)) / k**2)) * count**2 / (2.0 * np.pi**2)
+        return cls(t[spans], math.sqrt(shared), spread, sigma**2 + count**2 / 12.0)
 
 
 def readings_apart(output: Array, accel_step: float, declared: float | None, reading_step: float, step: float) -> int:

@@ -14,12 +14,14 @@ import numpy as np
 from accelcal import _core
 from accelcal.data import (
     ANGULAR_ACCELERATION,
+    ARM_ANGLE,
     DERIVED,
     GRAVITY,
     GRAVITY_NOISE,
     LEVERS,
     POSITION_ORDER,
     RATES,
+    TILTS,
     Array,
     Channel,
     PositionStep,
@@ -36,7 +38,14 @@ from accelcal.data.arrays import Answer, Unchanged, median_step, white_variance
 from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import reading_step, require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
-from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, runs_of_one_count, spikes
+from accelcal.estimation.readings import (
+    MIN_READINGS,
+    AngleError,
+    distinct_readings,
+    readings_apart,
+    runs_of_one_count,
+    spikes,
+)
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import cubic, even_times, low_pass, motion_bandwidth, resample, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
@@ -314,7 +323,22 @@ class RunSamples:
         """Density of process noise over the interval before each reading beyond that of the record, (m/s²)²/Hz."""
         extra = extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
         of_attitude = self.recording.side.get(GRAVITY_NOISE)
-        return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
+        extra = extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
+        error = self.angle_error
+        if error is None:
+            return extra
+        lever = self.recording.side[TILTS[1]]
+        place = np.searchsorted(error.spans[:, 0], self.t, side="right") - 1
+        resting = (place >= 0) & (self.t <= np.append(error.spans[:, 1], -np.inf)[place])
+        slope = math.cos(self.rig.axle or 0.0) * np.interp(self.t, lever.t, lever.y)
+        return np.asarray(extra + np.where(resting, error.resting, error.moving) * slope**2 * median_step(lever.t))
+
+    @cached_property
+    def angle_error(self) -> AngleError | None:
+        """What rounding makes of the angle of an arm; None where there is none, or it does not lie on a grid."""
+        channel = self.recording.side.get(ARM_ANGLE)
+        count = 0.0 if channel is None else grid_step(channel.y)
+        return None if channel is None or count == 0.0 else AngleError.of(channel.t, channel.y, count)
 
     @property
     def attitude_density(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -212,11 +212,12 @@ class RunState:
         return state
 
     def refresh(self, values: Values, *, search_noise: bool, only_growing: bool = False) -> None:
-        """Move to other coefficients: drive and signals are made from the signals of the state before.
+        """Move to other coefficients: drive and signals are made from the signals of the state before. Nuisances stay.
 
         With `only_growing` noise is searched for where an effect of the model makes it grow, and nowhere else.
         """
         require_output(self.run, values)
+        values = replace(values, nuisances=self.values.nuisances)
         run, ratio = self.run, self.values.scale / values.scale
         self.filtered = None  # free the old track before the next is made; each holds nine arrays
         del self.whitened
@@ -272,7 +273,9 @@ class RunState:
     def grown(self, model: Model) -> RunState:
         """A state for a model with further effects, at the coefficients, filter and signals of this one."""
         grown = copy.copy(self)
-        grown.values = Values(initial_coefficients(model) | dict(self.values.by_name), model.terms)
+        grown.values = Values(
+            initial_coefficients(model) | dict(self.values.by_name), model.terms, self.values.nuisances
+        )
         grown.search = NoiseSearch(self.search.noise, GROWN)
         grown.weak = None
         return grown

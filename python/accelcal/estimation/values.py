@@ -57,6 +57,8 @@ class Values:
 
     by_name: Mapping[str, float]
     terms: tuple[Term, ...] = ()
+    nuisances: tuple[tuple[Term, float], ...] = ()
+    """Terms of one run beyond the model, and their coefficients, which no fit reports."""
 
     @property
     def scale(self) -> float:
@@ -99,8 +101,7 @@ class Values:
 
     def additive(self, port: str) -> Iterator[tuple[Term, float]]:
         """Terms beyond the nominal that add to the output, or to the reading, with coefficients other than zero."""
-        for term in self.terms:
-            coefficient = self.by_name[term.name]
+        for term, coefficient in (*((term, self.by_name[term.name]) for term in self.terms), *self.nuisances):
             if term.name not in NOMINAL and term.port == port and coefficient != 0.0:
                 yield term, coefficient
 
