@@ -34,6 +34,8 @@ class Rigged:
     """Samples of the output between two readings of the angle."""
     density: float = 0.002
     angle_std: float = 1e-5
+    count: float = 0.0
+    """Of the angle, rad; 0 = not rounded."""
     bias: float = 0.08
     k: float = 0.01
     delay: float = 0.004
@@ -108,6 +110,7 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     y += rig.density * np.sqrt(rig.rate / 2.0) * rng.standard_normal(len(a))
     read = theta[at] - rig.zero
     read = read - rig.eccentricity * np.sin(read + 0.7) + rig.angle_std * rng.standard_normal(len(a))
+    read = rig.count * np.rint(read / rig.count) if rig.count else read
     turn = {"deg": 360.0, "rad": 2.0 * np.pi, "rev": 1.0, "count": 4.0e6}[rig.unit]
     read = read / (2.0 * np.pi) * turn
     read = read % turn if rig.wrap else read

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,8 +18,9 @@ from accelcal.data.orientation import GRAVITY, WOBBLE, on_arm, unwrapped
 from accelcal.data.quality import describe, summarise
 from accelcal.data.recording import Origin
 from accelcal.diagnosis.faults import examine
-from accelcal.estimation import estimate
+from accelcal.estimation import estimate, run as runs
 from accelcal.estimation.estimate import complete, far_zeros
+from accelcal.estimation.readings import AngleError
 from accelcal.signals import processing
 
 from .arms import Rigged, columns, record, sidecar
@@ -130,6 +132,54 @@ def test_nothing_is_named_on_an_arm_and_an_eccentric_disk_is(tmp_path: Path) -> 
     recording = record(replace(rig, eccentricity=1e-3), tmp_path, "disk")
     diagnosis = ac.diagnose(ac.fit(recording), recording)
     assert "angle_eccentricity" in diagnosis.sentence, diagnosis.sentence
+
+
+RESTS = Rigged(motion="dwells", seconds=24.0, quadratic=2e-4, delay=0.0, arm=0.02, density=5e-4)
+CHI2_18 = 48.4
+"""Of three coefficients of six records, exceeded in 1e-4 of sets."""
+
+
+def squares_of_rests(rig: Rigged, folder: Path) -> float:
+    """Normalised errors squared of bias, scale factor and quadratic, summed over six records."""
+    total = 0.0
+    for seed in range(6):
+        at_zero = replace(rig, seed=seed, zero=1e-3 * np.random.default_rng(seed).standard_normal())
+        fit = ac.fit(record(at_zero, folder), ac.Model.linear().add("quadratic"))
+        truth = {"bias": rig.bias, "scale_factor": rig.k, "quadratic": rig.quadratic}
+        at = [[e.name for e in fit.free].index(name) for name in truth]
+        off = np.array([fit[name].value - value for name, value in truth.items()])
+        total += float(off @ np.linalg.solve(np.asarray(fit.covariance)[np.ix_(at, at)], off))
+    return total
+
+
+@pytest.mark.parametrize(("count", "noise"), [(2e-3, 0.0), (2e-3, 0.2), (2e-5, 0.0)], ids=str)
+def test_a_rest_has_one_rounding_error_of_its_angle(tmp_path: Path, count: float, noise: float) -> None:
+    """At a rate of 1e-4; the noise dithers a share of a count."""
+    assert squares_of_rests(replace(RESTS, count=count, angle_std=noise * count), tmp_path) < CHI2_18
+
+
+def test_a_coarse_angle_taken_as_white_at_rest_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The twin of the test above, without the error that a rest shares."""
+    monkeypatch.setattr(runs.PreparedRun, "angle_error", None)
+    assert squares_of_rests(replace(RESTS, count=2e-3, angle_std=0.0), tmp_path) > 2.0 * CHI2_18
+
+
+@pytest.mark.parametrize("count", [1e-3, 1.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.05, 0.1, 0.2, 0.3])
+def test_the_error_that_a_rest_shares_is_that_of_simulated_readings(count: float, sigma: float) -> None:
+    """Of three hundred rests of 400 readings, each behind a move of 40: their standard deviation is known to 4 %."""
+    rng = np.random.default_rng(5)
+    place = np.cumsum(rng.uniform(60.0, 90.0, 300))
+    true = np.concatenate([np.concatenate([np.linspace(a, b, 40), np.full(400, b)]) for a, b in pairwise(place)])
+    read = np.rint(true + sigma * rng.standard_normal(len(true)))
+    error = AngleError.of(np.arange(len(true)) / 100.0, count * read)
+    assert error is not None
+    begin = np.searchsorted(np.arange(len(true)) / 100.0, error.spans)
+    assert 299 <= len(begin) <= 300  # one flips for long
+    means = np.array([np.mean((read - true)[a + 8 : b - 8]) for a, b in begin])
+    left = np.sqrt(max(0.0, np.var(means) - error.resting / count**2 / 384.0))
+    assert error.shared / count == pytest.approx(left, rel=0.2, abs=0.01)
+    assert error.moving / count**2 == pytest.approx(sigma**2 + 1.0 / 12.0, rel=0.1)
 
 
 @pytest.mark.parametrize("banded", [False, True])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Array, Channel, Flags, running_integral, runs_of, white_variance
+from accelcal.signals.series import grid_step
 
 MIN_READINGS = 16
 """A record has at least this many encoder readings."""
@@ -150,8 +151,12 @@ def runs_of_one_count(z: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 HELD = 16
-"""Readings over which an angle is averaged before it is asked whether the arm rests: noise that dithers a third of a
-count does not move the mean by half a count. [readings; tests/estimation/test_arms.py]"""
+"""Readings over which an angle is averaged before it is asked whether the arm rests. Noise that dithers half of them to
+the next count changes that mean by 0.18 counts. [readings; tests/estimation/test_arms.py]"""
+
+AT_REST = 0.75
+"""Change of that mean to the next below which the arm rests: four times what dither makes of it. [counts;
+tests/estimation/test_arms.py]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,17 +173,20 @@ class AngleError:
     """Variance of a reading while the arm turns, rad²."""
 
     @classmethod
-    def of(cls, t: Array, angle: Array, count: float) -> AngleError:
-        """Of readings (n,) s and rad on a grid of counts.
+    def of(cls, t: Array, angle: Array) -> AngleError | None:
+        """Of readings (n,) s and rad; None where they do not lie on a grid.
 
         Notes
         -----
         With noise σ the mean reading at x is off by a Fourier series in x/count, whose k-th harmonic is count/(π k)
         exp(-2 π² k² σ²/count²). While σ is below a count, the variance of readings is σ count/√π in the mean over x.
         """
+        count = grid_step(angle)
+        if count == 0.0:
+            return None
         mean = np.convolve(angle - angle[0], np.full(HELD, 1.0 / HELD), "valid")
-        spans = runs_of(np.abs(mean[HELD:] - mean[:-HELD]) < 0.5 * count) + np.array([0, 2 * HELD - 2])
-        spans = np.array([[a, b] for a, b in spans if np.ptp(mean[a : b - HELD + 2]) <= 1.5 * count], dtype=np.intp)
+        spans = runs_of(np.abs(mean[HELD:] - mean[:-HELD]) < AT_REST * count) + np.array([0, 2 * HELD - 2])
+        spans = np.array([[a, b] for a, b in spans if np.ptp(mean[a : b - HELD + 2]) <= 2.0 * count], dtype=np.intp)
         spans = spans.reshape(-1, 2)
         spans[:-1, 1] = np.minimum(spans[:-1, 1], spans[1:, 0] - 1)
         inside = HELD // 2  # at its ends the arm still moves a little
@@ -187,6 +195,12 @@ class AngleError:
         k, sigma = np.arange(1.0, 100.0), math.sqrt(math.pi) * spread / count
         shared = float(np.sum(np.exp(-((2.0 * np.pi * k * sigma / count) ** 2)) / k**2)) * count**2 / (2.0 * np.pi**2)
         return cls(t[spans], math.sqrt(shared), spread, sigma**2 + count**2 / 12.0)
+
+    def variance_at(self, t: Array) -> Array:
+        """Variance of what readings at these times do not share, (n,) rad²."""
+        place = np.searchsorted(self.spans[:, 0], t, side="right") - 1
+        resting = (place >= 0) & (t <= np.append(self.spans[:, 1], -np.inf)[place])
+        return np.where(resting, self.resting, self.moving)
 
 
 def readings_apart(output: Array, accel_step: float, declared: float | None, reading_step: float, step: float) -> int:

@@ -323,22 +323,17 @@ class RunSamples:
         """Density of process noise over the interval before each reading beyond that of the record, (m/s²)²/Hz."""
         extra = extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
         of_attitude = self.recording.side.get(GRAVITY_NOISE)
-        extra = extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
-        error = self.angle_error
-        if error is None:
-            return extra
+        if self.angle_error is None:
+            return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
         lever = self.recording.side[TILTS[1]]
-        place = np.searchsorted(error.spans[:, 0], self.t, side="right") - 1
-        resting = (place >= 0) & (self.t <= np.append(error.spans[:, 1], -np.inf)[place])
         slope = math.cos(self.rig.axle or 0.0) * np.interp(self.t, lever.t, lever.y)
-        return np.asarray(extra + np.where(resting, error.resting, error.moving) * slope**2 * median_step(lever.t))
+        return np.asarray(extra + self.angle_error.variance_at(self.t) * slope**2 * median_step(lever.t))
 
     @cached_property
     def angle_error(self) -> AngleError | None:
         """What rounding makes of the angle of an arm; None where there is none, or it does not lie on a grid."""
         channel = self.recording.side.get(ARM_ANGLE)
-        count = 0.0 if channel is None else grid_step(channel.y)
-        return None if channel is None or count == 0.0 else AngleError.of(channel.t, channel.y, count)
+        return None if channel is None else AngleError.of(channel.t, channel.y)
 
     @property
     def attitude_density(self) -> float:
