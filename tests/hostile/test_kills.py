@@ -201,8 +201,10 @@ def test_the_judge_sees_a_recording_that_is_cut_off_or_not_the_beginning(tmp_pat
 
 
 IN_A_CALLBACK = """
-import signal, sys, time, weakref
+import signal, sys, threading, time, weakref
 from accelcal._support import stopping
+start = threading.Thread.start
+threading.Thread.start = lambda thread: (start(thread), time.sleep({busy}))
 class Name: pass
 def lost(_):
     signal.raise_signal(signal.SIGINT)
@@ -217,9 +219,10 @@ sys.exit(stopping.run(command))
 """
 
 
-def test_an_interrupt_in_a_callback_whose_exceptions_python_drops_ends_the_command() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, check=False, timeout=15.0
-    )
+@pytest.mark.parametrize("busy", [0.0, 0.2])
+def test_an_interrupt_in_a_callback_whose_exceptions_python_drops_ends_the_command(busy: float) -> None:
+    """Also where the interrupt comes again while a busy machine still runs what notices that it was dropped."""
+    program = IN_A_CALLBACK.replace("{busy}", str(busy))
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=15.0)
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr == "accelcal: interrupted; no file was left half-written\n"

@@ -64,6 +64,8 @@ class _Signals:
         self.first: Stopped | None = None
         """The signal that asked the command to end."""
         self._when = 0.0
+        self._dropping = False
+        """Whether what is raised now would be dropped."""
         self.in_child = False
         """Whether this process is a child that does the work of the command."""
 
@@ -77,7 +79,7 @@ class _Signals:
         """A signal that came in a finaliser or a callback of a weak reference, where Python drops what is raised, comes
         again until it is obeyed: one that comes just before a call that waits, such as a sleep, does not end it."""
         if isinstance(lost.exc_value, Stopped):
-            self.first = None
+            self.first, self._dropping = None, True
             to_main = getattr(signal, "pthread_kill", None)  # wakes it, where there is such a call
             arguments = (threading.main_thread().ident, lost.exc_value.number) if to_main else (lost.exc_value.number,)
 
@@ -87,6 +89,7 @@ class _Signals:
                     (to_main or signal.raise_signal)(*arguments)
 
             threading.Thread(target=insist, daemon=True).start()
+            self._dropping = False
         else:
             sys.__unraisablehook__(lost)
 
@@ -98,6 +101,8 @@ class _Signals:
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
+        if self._dropping:
+            return
         if self.first is None:
             self.first, self._when = Stopped(number), now
             raise self.first
