@@ -209,7 +209,8 @@ def _of_angle(
             Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning")
         )
     findings += _leaps("angle", t, np.diff(angle))
-    motion = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
+    axis, count = np.array(declared.input_axis), quality.reading_step(angle, None)
+    motion = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, axis)
     turns, rate = float(np.ptp(angle)) / (2.0 * math.pi), np.abs(np.diff(angle) / np.diff(t))
     text = (
         f"the arm turns over {turns:.3g} turns, at up to {np.quantile(rate, 0.99):.3g} rad/s; position is the path "
@@ -217,6 +218,13 @@ def _of_angle(
         f"{np.max(motion.gravity.y):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(t), float(t[0]), text))
+    rounded = STANDARD_GRAVITY * math.cos(rig.axle) * math.hypot(*axis[:2]) * count / math.sqrt(12.0)
+    if rounded > 0.0:
+        text = (
+            f"counts of {math.degrees(count):.2g} degrees make gravity along the axis uncertain by up to {rounded:.2g} "
+            "m/s^2 while the arm rests, which is in the model"
+        )
+        findings.append(Finding("attitude_noise", "position", len(t), float(t[0]), text))
     ties = ties_of_arm(motion, rig.arm, rig.axle)
     findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
