@@ -650,7 +650,8 @@ def settled_state(run: PreparedRun, values: Values, noise: Noise, band: float | 
     """State of a run at values and noise that stay, its signals and its nominal settled against each other."""
     state = RunState.at(run, values, noise, band, search_noise=False)
     for _ in range(0 if values.constant and not noise.growth else SETTLING - 1):
-        state.values = replace(values, nuisances=normal_equations(state, ()).nuisances)
+        if run.angle_error:
+            state.values = replace(values, nuisances=normal_equations(state, ()).nuisances)
         state.refresh(values, search_noise=False)
     return state
 
