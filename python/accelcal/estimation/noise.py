@@ -49,8 +49,8 @@ class Likelihood:
         rr = -(f[0, 1] - 2 * f[0, 0] + f[0, -1]) / h**2
         qr = -(f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4 * h**2)
         det = qq * rr - qr**2
-        if not (qq > 0.0 and rr > 0.0 and det > 0.0):
-            return math.inf, math.inf
+        if not (qq > 0.0 and rr > 0.0 and det > 0.0):  # where no r matters, that of q is known
+            return math.sqrt(1.0 / qq) if qq > 0.0 and abs(rr) < 1e-2 * qq else math.inf, math.inf
         return math.sqrt(rr / det), math.sqrt(qq / det)
 
 
@@ -351,7 +351,13 @@ class NoiseSearch:
 
 
 def estimate_noise(
-    run: PreparedRun, integrals: DriveIntegrals, start: Noise, *, counts: Flags | None = None, width: float = 1.0
+    run: PreparedRun,
+    integrals: DriveIntegrals,
+    start: Noise,
+    *,
+    counts: Flags | None = None,
+    width: float = 1.0,
+    floor: Callable[[float], float] | None = None,
 ) -> Noise:
     """Most likely q and R given the nominal motion (derivations 6.3).
 
@@ -361,11 +367,12 @@ def estimate_noise(
     start : where to begin; ten times off is near enough.
     counts : (n,) optional; readings that are to count.
     width : first steps of the search in log q and log R; it goes further where it must.
+    floor : least variance of a reading at a q, m²; by default `run.reading_variance_floor`.
 
     Returns
     -------
     Noise
-        Intensities; `r` is never below `run.reading_variance_floor(q)`.
+        Intensities; `r` is never below the floor.
 
     Raises
     ------
@@ -373,7 +380,7 @@ def estimate_noise(
         From the core, if the record is unusable.
     """
     likelihood = Likelihood(run, integrals, start, counts)
-    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, least_density(run))
+    return most_likely_noise(likelihood, floor or run.reading_variance_floor, start, width, least_density(run))
 
 
 def least_density(run: PreparedRun) -> float:
@@ -430,12 +437,19 @@ def most_likely_noise(
 
 
 def level_of(
-    run: PreparedRun, integrals: DriveIntegrals, noise: Noise, counts: Flags, sensor_scale: float
+    run: PreparedRun,
+    integrals: DriveIntegrals,
+    noise: Noise,
+    counts: Flags,
+    sensor_scale: float,
+    floor: Callable[[float], float] | None = None,
 ) -> Level | None:
     """Noise level of the readings that count, estimated anew; None when they are too few."""
     if int(counts.sum()) < LEAST_COUNT:
         return None
-    return level(run, integrals, estimate_noise(run, integrals, noise, counts=counts), sensor_scale, counts)
+    return level(
+        run, integrals, estimate_noise(run, integrals, noise, counts=counts, floor=floor), sensor_scale, counts
+    )
 
 
 def level(

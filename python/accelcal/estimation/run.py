@@ -24,6 +24,7 @@ from accelcal.data import (
     TILTS,
     Array,
     Channel,
+    Flags,
     PositionStep,
     Recording,
     RecordingError,
@@ -179,6 +180,9 @@ NOISE_SEGMENT = 1024
 """Readings in a segment of the spectrum that shows the noise of a reference."""
 NYQUIST = 0.5
 """In rates."""
+FIRST = 4
+"""First readings of a rest whose noise is not that of a rest: position and speed follow from two, and as many may hold
+motion within a count. [readings; tests/estimation/test_coarse_counts.py]"""
 MOST_CROSSOVER = 2.0
 """Crossover in rates of the readings beyond which a smaller variance of a reading changes nothing: gains are 1."""
 LEAST_PRIOR_SHARE = 1e-12
@@ -439,16 +443,6 @@ class RunSamples:
         rounding = self.least_step**2 / 12.0
         return max(min(rounding, self.third_difference_variance), rounding / 20.0, 1e-30)
 
-    def reading_variance_floor(self, q: float, step: float | None = None) -> float:
-        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other.
-
-        `step` is the spacing of the readings, s; by default of those that are used.
-        """
-        step = self.reading_step if step is None else step
-        if self.order == 0:
-            return q / ((2.0 * np.pi * self.confirmed) ** 4 * step)
-        return max(self.least_reading_variance, q * step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
-
     def prior(self, r: float) -> tuple[float, float, float, float]:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
         resolved = r / self.reading_step**2
@@ -490,6 +484,28 @@ class PreparedRun(RunSamples):
         long = lengths > runs_of_one_count(self.z)[1]
         first, last = begins[long], (begins + lengths)[long] - 1
         return t[first], t[last], z[first]
+
+    def reading_variance_floor(self, q: float, step: float | None = None) -> float:
+        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other.
+
+        `step` is the spacing of the readings, s; by default of those that are used.
+        """
+        step = self.reading_step if step is None else step
+        if self.order == 0:
+            return q / ((2.0 * np.pi * self.confirmed) ** 4 * step)
+        return max(self.least_reading_variance, self.resolved_variance(q, step))
+
+    def resolved_variance(self, q: float, step: float | None = None) -> float:
+        """Variance of a reading at a process density below which none changes the gains, m²."""
+        return q * (step or self.reading_step) ** 3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4
+
+    def held(self, still: Flags) -> Flags:
+        """Readings of these rests among those where the stage stands still (n,), behind the first few: at the very
+        first ones the motion ends within a count."""
+        begins, ends, _ = self.rests
+        place = np.searchsorted(begins, self.t, side="right") - 1
+        inside = still & (place >= 0) & (self.t <= np.append(ends, -np.inf)[place])
+        return np.asarray(np.convolve(inside, np.ones(FIRST + 1))[: len(inside)] > FIRST)
 
     @property
     def complete(self) -> PreparedRun:

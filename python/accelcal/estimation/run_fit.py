@@ -103,14 +103,19 @@ def noise_report_of_reference(state: RunState) -> NoiseReport:
 
 
 def noise_report(state: RunState) -> NoiseReport:
-    """Noise by likelihood: of all readings, of those at rest and of those in motion."""
+    """Noise by likelihood: of all readings, of those at rest and of those in motion.
+
+    At rest the readings of an encoder that noise does not dither share their rounding error, and scatter by nothing.
+    """
     run, integrals, noise, scale = state.run, state.drive, state.noise, state.values.scale
     whole = level(run, integrals, noise, scale)
     moving = in_motion(run, state.signals)
+    floor = run.resolved_variance if run.rounding > 0.0 else run.reading_variance_floor
+    resting = run.held(~moving) if run.rounding > 0.0 else ~moving
     return NoiseReport(
         noise=noise,
         all=whole,
-        rest=level_of(run, integrals, noise, ~moving, scale),
+        rest=level_of(run, integrals, noise, resting, scale, floor),
         motion=level_of(run, integrals, noise, moving, scale),
         declared=run.rig.sensor.noise,
         crossover=run.crossover(noise),
