@@ -159,12 +159,19 @@ AT_REST = 0.75
 tests/estimation/test_arms.py]"""
 
 
+MOST_RESTS = 100
+"""Rests whose rounding error has a column of its own; of more, the time of a fit grows by the square. [rests;
+tests/estimation/test_arms.py]"""
+
+
 @dataclass(frozen=True, slots=True)
 class AngleError:
     """What rounding to counts, and the noise that dithers them, make of an angle: all as for an arm that is level."""
 
     spans: Array
     """Begin and end of each rest, (rests, 2) s."""
+    apart: Flags
+    """Rests that have a column each, the longest, (rests,); in the others noise leaves the mean as uncertain."""
     shared: float
     """Standard deviation of the error that all readings of a rest share, rad."""
     resting: float
@@ -194,13 +201,15 @@ class AngleError:
         spread = sum(v * n for v, n in scatter) / sum(n for _, n in scatter) if scatter else 0.0
         k, sigma = np.arange(1.0, 100.0), math.sqrt(math.pi) * spread / count
         shared = float(np.sum(np.exp(-((2.0 * np.pi * k * sigma / count) ** 2)) / k**2)) * count**2 / (2.0 * np.pi**2)
-        return cls(t[spans], math.sqrt(shared), spread, sigma**2 + count**2 / 12.0)
+        apart = np.argsort(np.argsort(spans[:, 0] - spans[:, 1], kind="stable")) < MOST_RESTS
+        return cls(t[spans], apart, math.sqrt(shared), spread, sigma**2 + count**2 / 12.0)
 
-    def variance_at(self, t: Array) -> Array:
-        """Variance of what readings at these times do not share, (n,) rad²."""
+    def variance_at(self, t: Array, step: float) -> Array:
+        """Variance of what readings at these times, `step` s apart, do not share, (n,) rad²."""
         place = np.searchsorted(self.spans[:, 0], t, side="right") - 1
         resting = (place >= 0) & (t <= np.append(self.spans[:, 1], -np.inf)[place])
-        return np.where(resting, self.resting, self.moving)
+        alone = np.where(self.apart, 0.0, self.shared**2 * np.ptp(self.spans, axis=1) / step)
+        return np.where(resting, self.resting + np.append(alone, 0.0)[place], self.moving)
 
 
 def readings_apart(output: Array, accel_step: float, declared: float | None, reading_step: float, step: float) -> int:

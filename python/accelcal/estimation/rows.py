@@ -59,7 +59,7 @@ def offsets_of(run: PreparedRun) -> tuple[tuple[Term, float], ...]:
     begin, end = error.spans.T
     least = NEGLIGIBLE * run.unpredicted.sample * np.sqrt(run.accel_step / (end - begin))
     pull = error.shared * STANDARD_GRAVITY * math.cos(run.rig.axle or 0.0)
-    spans = error.spans[(end > run.t[0]) & (begin < run.t[-1]) & (pull > least)] - run.origins.t
+    spans = error.spans[error.apart & (end > run.t[0]) & (begin < run.t[-1]) & (pull > least)] - run.origins.t
     return tuple((Term(ROUNDING, shape={"begin": a, "end": b}), error.shared) for a, b in spans.tolist())
 
 

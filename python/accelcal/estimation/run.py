@@ -331,7 +331,8 @@ class RunSamples:
             return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
         lever = self.recording.side[TILTS[1]]
         slope = math.cos(self.rig.axle or 0.0) * np.interp(self.t, lever.t, lever.y)
-        return np.asarray(extra + self.angle_error.variance_at(self.t) * slope**2 * median_step(lever.t))
+        step = median_step(lever.t)
+        return np.asarray(extra + self.angle_error.variance_at(self.t, step) * slope**2 * step)
 
     @cached_property
     def angle_error(self) -> AngleError | None:
